@@ -76,4 +76,5 @@ def test_order_is_known_while_points_are_picked_and_forgotten_when_they_move() -
     assert np.array_equal(canonical_order(picked.xyz), picked.canonical_order())
     assert not cloud.take(np.arange(len(cloud))[::-1]).ordered
     assert not cloud.with_(xyz=cloud.xyz[::-1]).ordered
-    assert not cloud.about((240.0, 0.0)).ordered
+    assert cloud.about((240.0, 0.0)).ordered
+    assert not cloud.about((0.5, 0.0)).ordered

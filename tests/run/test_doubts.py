@@ -25,6 +25,7 @@ from eaves.pipeline import build
 from eaves.recipe.recipe import make_recipe
 from eaves.report.view import describe_run
 from eaves.run.part_file import save_part
+from eaves.run.store import Store
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")
@@ -39,7 +40,7 @@ def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     assert {doubt.stage for doubt in result.doubts} == {"detect"}
     assert any("rim of the data" in doubt.reason for doubt in result.doubts)
     save_part(tmp_path / "block.npz", block_arrays(result))
-    with BlockFile(tmp_path / "block.npz", block) as file:
+    with BlockFile(tmp_path / "block.npz", block, Store(tmp_path)) as file:
         found = file.metadata().doubts
     for read, written in zip(found, result.doubts, strict=True):
         assert read.x == pytest.approx(written.x)

@@ -23,7 +23,7 @@ from eaves.raster.surfaces import scene_of, two_scenes
 from eaves.recipe.recipe import SEAM, Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS, key_of
-from eaves.run.store import Store, Task
+from eaves.run.store import Places, Store, Task
 from eaves.surroundings.decks import Decks, wet_or_bridged
 from eaves.surroundings.vegetation import vegetation_classes
 from eaves.surroundings.wires import find_towers, find_wires
@@ -96,7 +96,7 @@ def block_pass(
 def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
     block = task.unit
-    cloud, wide, decks = loaded = load_block(block, store, recipe)
+    cloud, wide, decks, places = load_block(block, store, recipe)
     seen = block.bounds.buffered(recipe.scene_buffer)
     beneath: list[object] = [one.cropped(seen.buffered(COARSEST_M)) for one in decks]
     if wide is not None:
@@ -105,20 +105,21 @@ def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
     taken = key_of(BLOCKS.key(recipe), cloud, beneath)
     if store.recalls(BLOCKS, block, task.read, taken):
         return
-    result = block_pass(cloud, block, recipe, *loaded[1:])
+    result = block_pass(cloud, block, recipe, wide, decks)
     result.seconds["ground"] = store.ground_seconds(block)
-    save_block(store, result, task.read, taken)
+    save_block(store, result, places, task.read, taken)
 
 
 def load_block(
     block: Block, store: Store, recipe: Recipe
-) -> tuple[PointCloud, WideObjects | None, tuple[Decks, ...]]:
-    """The points, the wide objects and the decks that `block_pass` takes, from the store."""
+) -> tuple[PointCloud, WideObjects | None, tuple[Decks, ...], Places]:
+    """The points, the wide objects and the decks that `block_pass` takes, from the store, and where it has
+    the points."""
     seen = block.bounds.buffered(recipe.scene_buffer)
     wide = load_wide(store, seen) if recipe.sees_wide else None
     decks = load_decks(store, seen) if recipe.sees_wide and recipe.marks_others else ()
-    cloud, _ = store.load_points(seen, block.origin, block.side, classified=True)
-    return cloud, wide, decks
+    cloud, places = store.load_points(seen, block.origin, block.side, classified=True)
+    return cloud, wide, decks, places
 
 
 def see_block(

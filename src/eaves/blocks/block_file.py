@@ -19,7 +19,7 @@ from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
 from eaves.run.keys import BLOCKS
 from eaves.run.part_file import open_part
-from eaves.run.store import Store
+from eaves.run.store import Places, Store
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -106,12 +106,10 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     return {
         "seconds": block_json(result.seconds),
         "about": block_json(about),
-        "point_id": result.point_id,
         "classification": result.classification,
         "vegetation": result.vegetation,
         "part": result.part,
         "candidate": some.astype(np.int32),
-        "quanta": np.round(result.xyz[some] / GRID_STEP).astype(np.int32),
         "label": result.label[some],
         "high": high[some],
         "not_last": result.not_last[some],
@@ -125,14 +123,18 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     }
 
 
-def save_block(store: Store, result: BlockResult, read: str = "", taken: str = "") -> None:
-    """Keep what the block pass found in one block, of files and inputs with keys."""
-    store.save(BLOCKS, result.block, block_arrays(result), read, taken)
+def save_block(store: Store, result: BlockResult, places: Places, read: str, taken: str) -> None:
+    """Keep what the block pass found in one block, of points from such places, of files and inputs with
+    keys."""
+    number = places.within(result.block)
+    if (number[1:] > number[:-1]).all():  # the block's points lie in one file: they are in order there
+        number = number[:0]
+    store.save(BLOCKS, result.block, block_arrays(result) | {"number": number}, read, taken)
 
 
 def open_block(store: Store, block: Block) -> BlockFile:
     """The result of the block pass in one block; to be used in a `with` statement."""
-    return BlockFile(store.path(BLOCKS, block), block)
+    return BlockFile(store.path(BLOCKS, block), block, store)
 
 
 def block_json(value: object) -> NDArray[np.uint8]:
@@ -168,8 +170,8 @@ def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
 class BlockFile:
     """The file of one block, opened; use it in a `with` statement."""
 
-    def __init__(self, path: Path, block: Block) -> None:
-        self.block = block
+    def __init__(self, path: Path, block: Block, store: Store) -> None:
+        self.block, self._store = block, store
         self._file: Any = open_part(path)
         self.about: dict[str, Any] = json.loads(self._file["about"].tobytes())
 
@@ -193,13 +195,21 @@ class BlockFile:
         """`dtm`, `dsm` or `ground` (1 where a cell holds a ground point), about the block's corner."""
         return Raster(self[name], *self.about["corner"])
 
+    def points(self, which: NDArray[np.integer] | None = None) -> NDArray[np.void]:
+        """The records of the block's points, or of some (K,) of them, as the store keeps them."""
+        records, number = self._store.read_points(self.block), self["number"]
+        if which is not None:
+            return records.take(number.take(which) if len(number) else which)
+        return records.take(number) if len(number) else records
+
     def candidates(self) -> Candidates:
         """The points that can belong to a building."""
         which = self["candidate"]
+        points = self.points(which)
         return Candidates(
             self.block,
-            self["quanta"] * GRID_STEP,
-            self["point_id"][which],
+            points["xyz"] * GRID_STEP,
+            np.ascontiguousarray(points["point_id"]),
             self["label"],
             self["part"][which],
             self["high"],

@@ -22,7 +22,7 @@ from eaves.model.cloud import UNCLASSIFIED
 from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import GROUND, key_of
-from eaves.run.store import SECONDS, Piece, Store, Task
+from eaves.run.store import SECONDS, Places, Store, Task
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, around_squares
 
 Numbers = NDArray[np.int64]
@@ -52,7 +52,7 @@ def classify_squares(tasks: Sequence[Task], store: Store, recipe: Recipe, side: 
     seen = squares[0].bounds.buffered(reach)
     for square in squares[1:]:
         seen = seen.union(square.bounds.buffered(reach))
-    cloud, pieces = store.load_points(seen, squares[0].origin, side)
+    cloud, places = store.load_points(seen, squares[0].origin, side)
     cloud = cloud.with_(point_id=None)
     for row in sorted({square.row for square in squares}):
         line = [task for task in tasks if task.unit.row == row]
@@ -63,26 +63,21 @@ def classify_squares(tasks: Sequence[Task], store: Store, recipe: Recipe, side: 
             if len(squares) > 1:
                 near = points_in(cloud, task.unit.bounds.buffered(reach), strip)
             some = cloud if len(near) == len(cloud) else cloud.take(near)
-            keep_ground(task, some.about(task.unit.origin), near, pieces, store, recipe)
+            keep_ground(task, some.about(task.unit.origin), near, places, store, recipe)
 
 
 def keep_ground(
-    task: Task, cloud: PointCloud, near: Numbers, pieces: Sequence[Piece], store: Store, recipe: Recipe
+    task: Task, cloud: PointCloud, near: Numbers, places: Places, store: Store, recipe: Recipe
 ) -> None:
     """The ground of a square, kept in the store block by block.
 
     `cloud` holds the points of the square and of its surroundings up to the method's buffer, and no others;
-    `near` are their numbers (N,) among those of the `pieces`.
+    `near` are their numbers (N,) among those of which the `places` are known.
     """
     clock, square = Clock(), task.unit
-    ends = np.cumsum([0, *(len(piece.which) for piece in pieces)])
     inside = np.flatnonzero(Bounds(0.0, 0.0, square.side, square.side).contains(cloud.xyz))
-    inner, first = near[inside], np.searchsorted(near[inside], ends)
-    own = {
-        piece.block.name: (slice(start, end), piece.which[inner[start:end] - offset].astype(np.int32))
-        for piece, offset, start, end in zip(pieces, ends[:-1], first[:-1], first[1:], strict=True)
-        if end > start
-    }
+    own = {block: places.of(block, near[inside]) for block in places.range_of}
+    own = {block: found for block, found in own.items() if len(found[0])}
     bounds = square.bounds.buffered(recipe.ground.buffer)
     wide = load_wide(store, bounds) if recipe.sees_wide else None
     patches = () if wide is None else [one.cropped(bounds.buffered(one.cell)) for one in wide.patches]
@@ -91,10 +86,12 @@ def keep_ground(
         return
     classes, part = classify_square(cloud, inside, wide, recipe)
     arrays: dict[str, NDArray[Any]] = {}
-    for name, (some, number) in own.items():
-        arrays |= {f"number-{name}": number, f"class-{name}": classes[some]}
+    for block, (some, number) in own.items():
+        arrays[f"class-{block.name}"] = classes[some]
+        if len(number) < places.count(block):  # else they are all, in the order of the block's files
+            arrays[f"number-{block.name}"] = number
         if part is not None:
-            arrays[f"part-{name}"] = part[some]
+            arrays[f"part-{block.name}"] = part[some]
     clock.lap("ground")
     arrays[SECONDS] = np.array(clock.laps["ground"])
     store.save(GROUND, square, arrays, task.read, taken)

@@ -84,7 +84,7 @@ class Epoch:
         """The points of a block of the comparison's system, and of its surroundings up to `reach` (m), about
         its corner, in canonical order."""
         if self._move is None:
-            return self.store.load_cloud(block, reach).in_canonical_order()
+            return self.store.load_cloud(block, reach)
         wanted = block.bounds.buffered(reach)
         pieces = []
         for own in squares_of([self.moved(wanted, 1)], self.side):

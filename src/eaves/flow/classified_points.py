@@ -211,7 +211,8 @@ def gather_labels(
             first_plane += int(plane.max(initial=0))
     for block in blocks:
         with open_block(store, block) as file:
-            point_id, classes, part = file["point_id"], file["classification"], file["part"]
+            point_id = file.points()["point_id"]
+            classes, part = file["classification"], file["part"]
             vegetation = file["vegetation"]
             classes[vegetation > 0] = vegetation[vegetation > 0]
             # what was found outside given footprints is a building, too, though it is not modelled

@@ -98,7 +98,7 @@ def lines_of(value: Any) -> list[LineString]:
 def block_steps(store: Store, run: Run, block: Block) -> dict[str, Raster]:
     """The map of each step of one block, by stage and name, about the origin of the block."""
     recipe = run.recipe
-    cloud, wide, decks = load_block(block, store, recipe)
+    cloud, wide, decks, _ = load_block(block, store, recipe)
     scene, seen, _ = see_block(cloud, block, recipe, wide, decks)
     xyz, side = scene.cloud.xyz, side_near(max(LEAST_CELL_M, CELL_SPACINGS * scene.spacing))
     source = run.options["source"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model.arrays import Integers, Mask, Points, Values
+from eaves.model.arrays import Integers, Mask, Points
 from eaves.model.block import Block, Bounds
 from eaves.model.checks import check_lengths, check_points
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
@@ -153,11 +153,12 @@ class PointCloud:
         if origin == self.origin:
             return self
         shift = np.array([self.origin[0] - origin[0], self.origin[1] - origin[1], 0.0])
-        return replace(self, xyz=snap(self.xyz + shift), origin=origin, ordered=False)
+        ordered = self.ordered and bool((shift == np.floor(shift)).all())  # the cells are those of the world
+        return replace(self, xyz=snap(self.xyz + shift), origin=origin, ordered=ordered)
 
     def canonical_order(self) -> Integers:
         """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then
-        y, x, z.
+        y, x, z, the return number and the place.
 
         The order depends on the points alone, so no result depends on the order of the file. Neighbours
         in the order are neighbours in the plane, which makes insertion into a TIN and cache use fast.
@@ -189,116 +190,62 @@ def snap(xyz: Points) -> Points:
     return np.round(xyz / GRID_STEP) * GRID_STEP
 
 
-def millimetres(values: Values) -> Integers:
-    """Values (N,) as whole millimetres above the metre under the lowest; those not finite count as 0."""
-    finite = np.isfinite(values)
-    known = values if finite.all() else np.where(finite, values, 0.0)
-    shifted = known - np.floor(known.min())
-    shifted *= 1000.0
-    whole: Integers = np.rint(shifted, out=shifted).astype(np.int64)
-    return whole
-
-
 def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> Integers:
-    """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
+    """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y and x in whole
+    `GRID_STEP`, then by z, the tie break (the return number) and the place."""
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
-    key, of_cell, rising = keys_kernel(xyz)
-    if of_cell:
+    key, rising = keys_kernel(xyz)
+    if len(key):
         # most clouds are in order already; ties are settled below
-        order = np.arange(len(key)) if rising else order_kernel(key, of_cell)
-        order = np.argsort(key) if len(order) < len(key) else order
+        order = np.arange(len(key)) if rising else np.argsort(key)
         ordered = key if rising else key.take(order)
         tied = np.flatnonzero(ordered[1:] == ordered[:-1])
-    else:
-        # column by column: numpy reduces a long array of three columns ten times slower
-        whole = [millimetres(column) for column in xyz.T]
-        cell, inside = [w // 1000 for w in whole[:2]], [w % 1000 for w in whole[:2]]
-        order = np.lexsort((whole[2], inside[0], inside[1], cell[0], cell[1]))
-        same = [w[order][1:] == w[order][:-1] for w in whole]
-        tied = np.flatnonzero(same[0] & same[1] & same[2])
-    if len(tied):  # equal to the millimetre: settle by the exact coordinates, the return number, the place
+    else:  # columns so far apart that 63 bits do not hold the keys
+        known = np.where(np.isfinite(xyz[:, :2]), xyz[:, :2], 0.0)
+        x, y = (np.rint(column * PER_METRE) for column in known.T)
+        order = np.lexsort((x, y, np.floor(x / PER_METRE), np.floor(y / PER_METRE)))
+        tied = np.flatnonzero((x[order][1:] == x[order][:-1]) & (y[order][1:] == y[order][:-1]))
+    if len(tied):
         some = np.unique(np.concatenate([tied, tied + 1]))
         group = np.cumsum(np.r_[1, np.diff(some) > 1]) + np.cumsum(~np.isin(some, tied + 1))
         members = order[some]
         last = np.zeros(len(members), np.uint8) if tie_break is None else tie_break[members]
-        exact = xyz[members]
-        order[some] = members[np.lexsort((members, last, exact[:, 2], exact[:, 0], exact[:, 1], group))]
+        x, y, z = xyz[members].T  # off the grid x and y may differ still
+        order[some] = members[np.lexsort((members, last, x, y, z, group))]
     return order.astype(np.int64, copy=False)
 
 
-PER_METRE = 1000
-"""Keys count millimetres."""
+PER_METRE = round(1.0 / GRID_STEP)
+"""Keys count the steps of the grid."""
 LARGEST_KEY = 2.0**62
 
 
 @inlined_kernel
-def millimetre_of(value: float, level: float) -> Any:
-    """Whole millimetres over a level; a value that is not finite counts as 0."""
+def steps_of(value: float, level: float) -> Any:
+    """Whole steps of the grid over a level; a value that is not finite counts as 0."""
     return int(np.rint(((value if np.isfinite(value) else 0.0) - level) * PER_METRE))
 
 
 @kernel
-def keys_kernel(xyz: Points) -> tuple[Integers, int, bool]:
-    """Keys (N,) that rise by 1 m cell, row by row, and inside a cell by y, x, z; how many there are to a
-    cell, 0 where 63 bits do not hold them; and whether they rise already.
+def keys_kernel(xyz: Points) -> tuple[Integers, bool]:
+    """Keys (N,) that rise by 1 m cell, row by row, and inside a cell by y and x, and whether they rise
+    already; no keys where 63 bits do not hold them.
     """
     count = len(xyz)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i in range(count):
-        for axis in range(3):
+        for axis in range(2):
             value = xyz[i, axis] if np.isfinite(xyz[i, axis]) else 0.0
             low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
-    west, south, bottom = np.floor(low[0]), np.floor(low[1]), np.floor(low[2])
+    west, south = np.floor(low[0]), np.floor(low[1])
+    if not (high[0] - west + 2.0) * (high[1] - south + 2.0) * PER_METRE**2 < LARGEST_KEY:
+        return np.empty(0, np.int64), False
     key, rising = np.empty(count, np.int64), True
-    cells = (high[0] - west + 2.0) * (high[1] - south + 2.0)
-    if not cells * PER_METRE**2 * (high[2] - bottom + 1.0) * PER_METRE < LARGEST_KEY:
-        return key, 0, False
-    columns = millimetre_of(high[0], west) // PER_METRE + 1
-    heights = millimetre_of(high[2], bottom) + 1
+    columns = steps_of(high[0], west) // PER_METRE + 1
     for i in range(count):
-        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-        x_mm, y_mm = millimetre_of(x, west), millimetre_of(y, south)
-        cell = (y_mm // PER_METRE) * columns + x_mm // PER_METRE
-        inside = (y_mm % PER_METRE) * PER_METRE + x_mm % PER_METRE
-        key[i] = (cell * PER_METRE * PER_METRE + inside) * heights + millimetre_of(z, bottom)
+        x, y = steps_of(xyz[i, 0], west), steps_of(xyz[i, 1], south)
+        cell = (y // PER_METRE) * columns + x // PER_METRE
+        key[i] = (cell * PER_METRE + y % PER_METRE) * PER_METRE + x % PER_METRE
         rising = rising and (i == 0 or key[i] >= key[i - 1])
-    return key, PER_METRE * PER_METRE * heights, rising
-
-
-CELLS_A_POINT, MOST_IN_CELL = 4, 512
-"""Of scans that are sparser, or denser in a place, the keys are sorted as a whole."""
-
-
-@kernel
-def order_kernel(key: Integers, of_cell: int) -> Integers:
-    """Indices (N,) that sort keys (N,) of cells with `of_cell` each: dealt out to the cells, then sorted in
-    each; none where there are so many cells, or so many points in one, that this is slow.
-    """
-    count = len(key)
-    cell, cells = key // of_cell, 1
-    for i in range(count):
-        cells = max(cells, cell[i] + 1)
-    if cells > CELLS_A_POINT * count:
-        return np.empty(0, np.int64)
-    end = np.zeros(cells + 1, np.int64)
-    for i in range(count):
-        end[cell[i] + 1] += 1
-    for one in range(cells):
-        if end[one + 1] > MOST_IN_CELL:
-            return np.empty(0, np.int64)
-        end[one + 1] += end[one]
-    order, ordered = np.empty(count, np.int64), np.empty(count, np.int64)
-    for i in range(count):
-        place = end[cell[i]]
-        order[place], ordered[place] = i, key[i]
-        end[cell[i]] += 1
-    for one in range(cells):
-        first = end[one - 1] if one else 0
-        for place in range(first + 1, end[one]):
-            moved, own = order[place], ordered[place]
-            while place > first and ordered[place - 1] > own:
-                order[place], ordered[place] = order[place - 1], ordered[place - 1]
-                place -= 1
-            order[place], ordered[place] = moved, own
-    return order
+    return key, rising

@@ -296,7 +296,8 @@ def check_options(given: RunOptions) -> RunOptions:
     options["formats"] = tuple(options["formats"] or ())
     check_positive(options["block"], "block")
     check_outputs(options["outputs"])
-    jobs, side, bounds = options["jobs"], options["block"], options["bounds"]
+    options["block"] = side = round(options["block"], 4)  # corners of blocks lie on the grid (`GRID_STEP`)
+    jobs, bounds = options["jobs"], options["bounds"]
     if not isinstance(jobs, int) or jobs < 0:
         raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
     if not NARROWEST <= side <= WIDEST:

@@ -21,7 +21,7 @@ from eaves.formats import Chunk, InputError, Source, iter_chunks, open_source
 from eaves.formats.atomic import atomic, show_file
 from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block, Bounds, Points
-from eaves.model.cloud import GRID_STEP
+from eaves.model.cloud import GRID_STEP, canonical_order
 from eaves.run.index import Index
 from eaves.run.keys import key_of
 from eaves.run.store import RECORD, Store
@@ -193,10 +193,14 @@ def partition_slice(
     except BaseException:
         writer.discard()
         raise
-    writer.finish(unread is None)
+    try:
+        written = writer.finish(unread is None)
+    except BaseException:
+        writer.discard()
+        raise
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = seen is not None and inside.union(seen) != inside
-    mark = PartMark(key, read, unread, writer.written)
+    mark = PartMark(key, read, unread, written)
     with atomic(store.folder / "parts" / f"{part.name}.json") as temporary:
         temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
     return mark, seen if lies else None
@@ -208,11 +212,14 @@ def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, write
     if not usable.any():
         return
     used = chunk if usable.all() else chunk.take(usable)
-    x, y, z = used.xyz.T
-    column, row = np.floor(x / side).astype(np.int64), np.floor(y / side).astype(np.int64)
     records = np.zeros(len(used), RECORD)
-    for axis, local in enumerate((x - column * side, y - row * side, z)):
-        records["xyz"][:, axis] = np.round(local / GRID_STEP)
+    # the block follows from the rounded place: it counts from the block's corner and lies short of its end
+    east, north, height = (np.rint(column / GRID_STEP) for column in used.xyz.T)
+    steps = round(side / GRID_STEP)
+    column, row = np.floor(east / steps).astype(np.int64), np.floor(north / steps).astype(np.int64)
+    places = (east - column * steps, north - row * steps, height)
+    for axis, place in enumerate(places):
+        records["xyz"][:, axis] = place
     records["point_id"] = used.position + first
     for name, missing in (("return_number", 1), ("number_of_returns", 1), ("classification", 0)):
         values = getattr(used, name)
@@ -233,8 +240,7 @@ class SliceWriter:
     def __init__(self, store: Store, name: str) -> None:
         self._store, self._name = store, name
         self._hidden = f".{name}-{uuid.uuid4().hex}"
-        self.written: dict[str, tuple[int, int]] = {}
-        """Bytes and checksum of each block's file."""
+        self._blocks: set[str] = set()
         self._copy: BinaryIO | None = None
 
     def copy(self) -> BinaryIO:
@@ -247,32 +253,40 @@ class SliceWriter:
     def append(self, block: Block, records: NDArray[Any]) -> None:
         """Add records to a block's points."""
         folder = self._store.points_path(block)
-        if block.name not in self.written:
+        if block.name not in self._blocks:
             folder.mkdir(exist_ok=True)
-        size, checksum = self.written.get(block.name, (0, 0))
-        data = records.tobytes()
+            self._blocks.add(block.name)
         with (folder / self._hidden).open("ab") as file:
-            file.write(data)
-        self.written[block.name] = size + len(data), crc32(data, checksum)
+            file.write(records.data)
 
-    def finish(self, whole: bool) -> None:
-        """Show the files, the copy of the records when it is `whole`."""
+    def finish(self, whole: bool) -> dict[str, tuple[int, int]]:
+        """Put the points of each block in canonical order, once for all that reads them, and show the files,
+        the copy of the records when it is `whole`. Bytes and checksum of each block's file."""
         if self._copy is not None:
             self._copy.close()
             if whole:
                 os.replace(self._copy.name, self._store.records_path(self._name))
             else:
                 os.unlink(self._copy.name)
-        for block in self.written:
-            folder = self._store.folder / "points" / block
-            show_file(folder / self._hidden, folder / f"{self._name}.bin")
+            self._copy = None
+        written = {}
+        for block in sorted(self._blocks):
+            path = self._store.folder / "points" / block / self._hidden
+            records = np.fromfile(path, RECORD)
+            order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
+            data = records.take(order).view(np.uint8).data
+            with path.open("rb+") as file:
+                file.write(data)
+            written[block] = len(data), crc32(data)
+            show_file(path, path.with_name(f"{self._name}.bin"))
+        return written
 
     def discard(self) -> None:
         """Remove the files."""
         if self._copy is not None:
             self._copy.close()
             os.unlink(self._copy.name)
-        for block in self.written:
+        for block in self._blocks:
             (self._store.folder / "points" / block / self._hidden).unlink(missing_ok=True)
 
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic
-from eaves.kernels import kernel
+from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud, Points
 from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP
+from eaves.model.cloud import GRID_STEP, PER_METRE
 from eaves.run.keys import GONE, GROUND, STEPS, Mark, Step, key_of
 from eaves.run.part_file import is_whole_part, open_part, save_part
 from eaves.run.world_squares import GROUND_SQUARE, squares_of, squares_touching
@@ -29,7 +29,7 @@ log = logging.getLogger("eaves")
 
 REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for."""
-FORM = 3
+FORM = 4
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -54,12 +54,33 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """Some points of a block: their numbers `which` (K,) among the `count` that it has."""
+class Places:
+    """Where the points (N,) of a cloud are kept: their numbers among all points of some blocks, which are
+    counted on from block to block, and in a block file by file."""
 
-    block: Block
-    which: NDArray[np.int64]
-    count: int
+    range_of: Mapping[Block, tuple[int, int]]
+    """Block → the first number in it, and the one behind its last."""
+    number: NDArray[np.int64]
+
+    def count(self, block: Block) -> int:
+        """How many points a block has."""
+        start, end = self.range_of[block]
+        return end - start
+
+    def within(self, block: Block) -> NDArray[np.int32]:
+        """The numbers (K,) in a block of those of the cloud's points that lie in it, in their order."""
+        start, end = self.range_of[block]
+        own = self.number[(self.number >= start) & (self.number < end)]
+        return (own - start).astype(np.int32)
+
+    def of(self, block: Block, among: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """Which of some points (by their places in the cloud) lie in a block, and their numbers in it, which
+        rise."""
+        start, end = self.range_of[block]
+        number = self.number[among]
+        own = np.flatnonzero((number >= start) & (number < end))
+        own = own[np.argsort(number[own], kind="stable")]
+        return own, (number[own] - start).astype(np.int32)
 
 
 @dataclass(frozen=True)
@@ -127,7 +148,7 @@ class Store:
         return self.array(GONE, block, "id") if self.has(GONE, block) else np.zeros(0, np.int64)
 
     def read_points(self, block: Block) -> NDArray[np.void]:
-        """The records of all points in a block, by input and place in it."""
+        """The records of all points in a block, by input and part of it, each part's in canonical order."""
         return join_records(self.map_points(block))
 
     def map_points(self, block: Block) -> list[NDArray[np.void]]:
@@ -138,29 +159,33 @@ class Store:
         return [records[~np.isin(records["point_id"], gone)] for records in files] if len(gone) else files
 
     def load_cloud(self, block: Block, reach: float) -> PointCloud:
-        """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""
+        """The points of a block and of its surroundings up to `reach` (m), about the block's corner, in
+        canonical order."""
         return self.load_points(block.bounds.buffered(reach), block.origin, block.side)[0]
 
     def load_points(
         self, bounds: Bounds, origin: tuple[float, float], side: float, classified: bool = False
-    ) -> tuple[PointCloud, list[Piece]]:
-        """The points within `bounds` (world metres) about `origin`, from blocks of a side (m), and where in
-        the blocks they are. With `classified` they bear the classes that `save_ground` kept.
+    ) -> tuple[PointCloud, Places]:
+        """The points within `bounds` (world metres) about `origin`, from blocks of a side (m), in canonical
+        order, and where in the blocks they are. With `classified` they bear the classes that `save_ground`
+        kept.
         """
         west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
-        pieces, taken = [], []
-        for near in squares_touching(bounds, side):
+        range_of: dict[Block, tuple[int, int]] = {}
+        taken, numbers, count = [], [], 0
+        # from south to north and west to east: then little is left to be sorted
+        for near in sorted(squares_touching(bounds, side), key=lambda block: (block.row, block.column)):
             right, up = (round(way / GRID_STEP) for way in near.origin)
             limits = west - right, south - up, east - right, north - up
-            numbers, count = [], 0
+            start = count
             for records in self.map_points(near):
                 which = within_kernel(records["xyz"], *limits)
                 if len(which):  # of the neighbours only the rim is kept while the others are read
                     numbers.append(which + count)
                     taken.append((near, records if len(which) == len(records) else records.take(which)))
                 count += len(records)
-            if numbers:
-                pieces.append(Piece(near, np.concatenate(numbers), count))
+            if count > start:
+                range_of[near] = start, count
         ends = np.cumsum([0, *(len(records) for _, records in taken)])
         xyz = np.empty((ends[-1], 3))
         for start, (near, records) in zip(ends[:-1], taken, strict=True):
@@ -179,32 +204,30 @@ class Store:
             point_id=joined("point_id"),
             system=self.system,
         )
-        return (self._with_ground(cloud, pieces) if classified else cloud), pieces
+        order = cloud.canonical_order()
+        places = Places(range_of, np.concatenate([np.zeros(0, np.int64), *numbers]).take(order))
+        cloud = replace(cloud.take(order), ordered=True)
+        return (self._with_ground(cloud, places) if classified else cloud), places
 
-    def _with_ground(self, cloud: PointCloud, pieces: Sequence[Piece]) -> PointCloud:
-        classes = [np.zeros(0, np.uint8)]
-        parts = [np.zeros(0, np.uint8)]
-        for piece in pieces:
-            of_all, part = np.zeros(piece.count, np.uint8), np.zeros(piece.count, np.uint8)
-            known = np.zeros(piece.count, bool)
-            for square in squares_of([piece.block.bounds], GROUND_SQUARE):
+    def _with_ground(self, cloud: PointCloud, places: Places) -> PointCloud:
+        count = max((end for _, end in places.range_of.values()), default=0)
+        found = {name: np.zeros(count, np.uint8) for name in ("known", "class", "part")}
+        for block, (start, end) in places.range_of.items():
+            known, classes, part = (values[start:end] for values in found.values())
+            for square in squares_of([block.bounds], GROUND_SQUARE):
                 if not self.has(GROUND, square):
                     continue
                 with open_part(self.path(GROUND, square)) as file:
-                    if f"class-{piece.block.name}" in file:
-                        found = file[f"class-{piece.block.name}"]
-                        # of all points, in their order, where a block is a square
-                        whole = len(found) == piece.count
-                        number = np.s_[:] if whole else file[f"number-{piece.block.name}"]
-                        of_all[number], known[number] = found, True
-                        if f"part-{piece.block.name}" in file:
-                            part[number] = file[f"part-{piece.block.name}"]
-            if not known[piece.which].all():
-                raise RuntimeError("the ground under some of its points could not be found")
-            classes.append(of_all.take(piece.which))
-            parts.append(part.take(piece.which))
-        joined = np.concatenate(parts)
-        return cloud.with_(classification=np.concatenate(classes), part=joined if joined.any() else None)
+                    if f"class-{block.name}" in file:
+                        all_of = f"number-{block.name}" not in file
+                        number = np.s_[:] if all_of else file[f"number-{block.name}"]
+                        known[number], classes[number] = 1, file[f"class-{block.name}"]
+                        if f"part-{block.name}" in file:
+                            part[number] = file[f"part-{block.name}"]
+        known, classes, part = (values.take(places.number) for values in found.values())
+        if not known.all():
+            raise RuntimeError("the ground under some of its points could not be found")
+        return cloud.with_(classification=classes, part=part if part.any() else None)
 
     def ground_seconds(self, block: Block) -> float:
         """CPU seconds of the ground stage in the squares whose south-west corner a block holds."""
@@ -335,12 +358,30 @@ def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
 def within_kernel(
     quanta: NDArray[np.int32], west: int, south: int, east: int, north: int
 ) -> NDArray[np.int64]:
-    """Numbers (K,) of the points (N, 3) inside a window; all in quanta."""
-    which, count = np.empty(len(quanta), np.int64), 0
-    for i in range(len(quanta)):
-        which[count] = i
-        count += west <= quanta[i, 0] < east and south <= quanta[i, 1] < north
+    """Numbers (K,) of the points (N, 3) inside a window; all in quanta. The points are in canonical order: in
+    each row of cells no more is looked at than the cells that the window touches."""
+    which, count, end = np.empty(len(quanta), np.int64), 0, first_kernel(quanta, 1, south, 0, len(quanta))
+    while end < len(quanta) and quanta[end, 1] // PER_METRE * PER_METRE < north:
+        start, above = end, (quanta[end, 1] // PER_METRE + 1) * PER_METRE
+        end = first_kernel(quanta, 1, above, start, len(quanta))
+        for i in range(first_kernel(quanta, 0, west, start, end), end):
+            if quanta[i, 0] // PER_METRE * PER_METRE >= east:
+                break
+            which[count] = i
+            count += west <= quanta[i, 0] < east and south <= quanta[i, 1] < north
     return which[:count]
+
+
+@inlined_kernel
+def first_kernel(quanta: NDArray[np.int32], axis: int, level: int, start: int, end: int) -> Any:
+    """The first of some points, whose cells rise along an axis, that lies in the cell of a level or behind."""
+    while start < end:
+        middle = (start + end) // 2
+        if quanta[middle, axis] // PER_METRE < level // PER_METRE:
+            start = middle + 1
+        else:
+            end = middle
+    return start
 
 
 @kernel

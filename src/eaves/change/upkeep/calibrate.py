@@ -240,7 +240,7 @@ def terms_of_cells(
 ) -> tuple[NDArray[np.float64], Values]:
     """The places (C, 2) of the cells of a block where something stands, and the terms (C, T) by which the
     detector judges each: those of its surface, or its own."""
-    cloud, wide, decks = load_block(block, store, recipe)
+    cloud, wide, decks, _ = load_block(block, store, recipe)
     _, scene, _ = see_block(cloud, block, recipe, wide, decks)
     _, evidence, segments = method.find_surfaces(scene, method.candidates(scene))
     found = measured_terms(evidence, segments, method.tolerance(scene.spacing), method.judged_by, method)
