@@ -24,7 +24,9 @@ from benchmarks.table import keep
 SOURCES = Path(__file__).parents[2] / "src/eaves"
 
 HANDLED: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any], Any], int]]] = {
-    ("eaves.run.store", "map_records"): ("mapped", lambda names, answer: sum(map(len, answer))),
+    ("eaves.blocks.wide", "keep_floor"): ("read", lambda names, answer: len(names["records"])),
+    ("eaves.run.store", "load_points"): ("read", lambda names, answer: len(answer[0])),
+    ("eaves.blocks.block_file", "points"): ("read", lambda names, answer: len(answer)),
     ("eaves.model.cloud", "take"): ("copied", lambda names, answer: len(answer)),
     ("eaves.model.cloud", "canonical_order"): (
         "sorted",
@@ -48,7 +50,7 @@ def count_work(file: Path, *options: str) -> dict[str, float]:
         if event == "call" and name != "<module>":
             ran.add(module)
             calls["kernel" if (module, name) == ("eaves.kernels", "__call__") else "python"] += 1
-        elif event == "return" and answer is not None and (module, name) in HANDLED:
+        elif event == "return" and (module, name) in HANDLED:
             step, count = HANDLED[module, name]
             points[step] += count(frame.f_locals, answer)
 

@@ -31,7 +31,7 @@ MOST = {
     "ran": 200,
     "calls a building": 7000,
     "kernel calls a building": 250,
-    "mapped": 3.0,
+    "read": 5.0,
     "copied": 7.0,
     "sorted": 2.1,
     "ground": 1.0,
