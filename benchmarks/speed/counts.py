@@ -27,7 +27,10 @@ HANDLED: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any], Any], 
     ("eaves.blocks.wide", "keep_floor"): ("read", lambda names, answer: len(names["records"])),
     ("eaves.run.store", "load_points"): ("read", lambda names, answer: len(answer[0])),
     ("eaves.blocks.block_file", "points"): ("read", lambda names, answer: len(answer)),
-    ("eaves.model.cloud", "take"): ("copied", lambda names, answer: len(answer)),
+    ("eaves.model.cloud", "take"): (
+        "copied",
+        lambda names, answer: 0 if answer is names["self"] else len(answer),
+    ),
     ("eaves.model.cloud", "canonical_order"): (
         "sorted",
         lambda names, answer: 0 if names.get("rising", True) else len(answer),

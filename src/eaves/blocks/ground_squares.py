@@ -52,8 +52,7 @@ def classify_squares(tasks: Sequence[Task], store: Store, recipe: Recipe, side: 
     seen = squares[0].bounds.buffered(reach)
     for square in squares[1:]:
         seen = seen.union(square.bounds.buffered(reach))
-    cloud, places = store.load_points(seen, squares[0].origin, side)
-    cloud = cloud.with_(point_id=None)
+    cloud, places = store.load_points(seen, squares[0].origin, side, ids=False)
     for row in sorted({square.row for square in squares}):
         line = [task for task in tasks if task.unit.row == row]
         low, high = line[0].unit.bounds.south - reach, line[0].unit.bounds.north + reach

@@ -164,48 +164,47 @@ class Store:
         return self.load_points(block.bounds.buffered(reach), block.origin, block.side)[0]
 
     def load_points(
-        self, bounds: Bounds, origin: tuple[float, float], side: float, classified: bool = False
+        self,
+        bounds: Bounds,
+        origin: tuple[float, float],
+        side: float,
+        classified: bool = False,
+        ids: bool = True,
     ) -> tuple[PointCloud, Places]:
         """The points within `bounds` (world metres) about `origin`, from blocks of a side (m), in canonical
-        order, and where in the blocks they are. With `classified` they bear the classes that `save_ground`
-        kept.
+        order, and where in the blocks they are. With `classified` they bear the classes of the ground step,
+        with `ids` their own.
         """
         west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
         range_of: dict[Block, tuple[int, int]] = {}
-        taken, numbers, count = [], [], 0
-        # from south to north and west to east: then little is left to be sorted
+        seen, count = [], 0
+        rows = np.zeros((north - south) // PER_METRE + 2, np.int64)
+        # from south to north and west to east: dealt out to rows of cells, the points of files are in order
         for near in sorted(squares_touching(bounds, side), key=lambda block: (block.row, block.column)):
             right, up = (round(way / GRID_STEP) for way in near.origin)
-            limits = west - right, south - up, east - right, north - up
-            start = count
+            limits, start = (west - right, south - up, east - right, north - up), count
             for records in self.map_points(near):
-                which = within_kernel(records["xyz"], *limits)
-                if len(which):  # of the neighbours only the rim is kept while the others are read
-                    numbers.append(which + count)
-                    taken.append((near, records if len(which) == len(records) else records.take(which)))
+                which = within_kernel(records["xyz"], *limits, rows)
+                if len(which):
+                    seen.append((near, records, which, count))
                 count += len(records)
             if count > start:
                 range_of[near] = start, count
-        ends = np.cumsum([0, *(len(records) for _, records in taken)])
-        xyz = np.empty((ends[-1], 3))
-        for start, (near, records) in zip(ends[:-1], taken, strict=True):
+        fields = {"point_id": ids, "return_number": self.has_returns, "number_of_returns": self.has_returns}
+        fields["classification"] = self.has_classes
+        total, free = int(rows.sum()), np.cumsum(rows) - rows
+        arrays = {name: np.empty(total, RECORD[name]) for name, wanted in fields.items() if wanted}
+        xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
+        for near, records, which, first in seen:
             right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, origin))
-            metres_kernel(records["xyz"], right, up, GRID_STEP, xyz[start : start + len(records)])
-
-        def joined(name: str) -> NDArray[Any]:
-            return np.concatenate([np.zeros(0, RECORD[name]), *(records[name] for _, records in taken)])
-
-        cloud = PointCloud(
-            xyz=xyz,
-            origin=origin,
-            return_number=joined("return_number") if self.has_returns else None,
-            number_of_returns=joined("number_of_returns") if self.has_returns else None,
-            classification=joined("classification") if self.has_classes else None,
-            point_id=joined("point_id"),
-            system=self.system,
-        )
+            low = south - round(near.origin[1] / GRID_STEP)
+            place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
+            number[place] = which + first
+            for name, values in arrays.items():
+                values[place] = records[name].take(which)
+        cloud = PointCloud(xyz=xyz, origin=origin, **arrays, system=self.system)  # type: ignore[arg-type]
         order = cloud.canonical_order()
-        places = Places(range_of, np.concatenate([np.zeros(0, np.int64), *numbers]).take(order))
+        places = Places(range_of, number.take(order))
         cloud = replace(cloud.take(order), ordered=True)
         return (self._with_ground(cloud, places) if classified else cloud), places
 
@@ -356,19 +355,21 @@ def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
 
 @kernel
 def within_kernel(
-    quanta: NDArray[np.int32], west: int, south: int, east: int, north: int
+    quanta: NDArray[np.int32], west: int, south: int, east: int, north: int, rows: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Numbers (K,) of the points (N, 3) inside a window; all in quanta. The points are in canonical order: in
-    each row of cells no more is looked at than the cells that the window touches."""
+    """Numbers (K,) of the points (N, 3) inside a window, all in quanta, which are counted in their `rows` of
+    cells from its south. The points are in canonical order: in each row no more is looked at than the cells
+    that the window touches."""
     which, count, end = np.empty(len(quanta), np.int64), 0, first_kernel(quanta, 1, south, 0, len(quanta))
     while end < len(quanta) and quanta[end, 1] // PER_METRE * PER_METRE < north:
-        start, above = end, (quanta[end, 1] // PER_METRE + 1) * PER_METRE
-        end = first_kernel(quanta, 1, above, start, len(quanta))
+        start, row = end, quanta[end, 1] // PER_METRE
+        end, before = first_kernel(quanta, 1, (row + 1) * PER_METRE, start, len(quanta)), count
         for i in range(first_kernel(quanta, 0, west, start, end), end):
             if quanta[i, 0] // PER_METRE * PER_METRE >= east:
                 break
             which[count] = i
             count += west <= quanta[i, 0] < east and south <= quanta[i, 1] < north
+        rows[row - south // PER_METRE] += count - before
     return which[:count]
 
 
@@ -385,9 +386,25 @@ def first_kernel(quanta: NDArray[np.int32], axis: int, level: int, start: int, e
 
 
 @kernel
-def metres_kernel(quanta: NDArray[np.int32], right: int, up: int, quantum: float, xyz: Points) -> None:
-    """The places of points in quanta (N, 3), moved by whole quanta, in metres into `xyz` (N, 3)."""
-    for i in range(len(quanta)):
-        xyz[i, 0] = (quanta[i, 0] + right) * quantum
-        xyz[i, 1] = (quanta[i, 1] + up) * quantum
-        xyz[i, 2] = quanta[i, 2] * quantum
+def deal_kernel(
+    quanta: NDArray[np.int32],
+    which: NDArray[np.int64],
+    south: int,
+    free: NDArray[np.int64],
+    right: int,
+    up: int,
+    quantum: float,
+    xyz: Points,
+) -> NDArray[np.int64]:
+    """Deal points (K of N, 3) out to the places that are `free` in their rows of cells, counted from `south`:
+    their coordinates, moved by whole quanta, in metres into `xyz`, and the places (K,)."""
+    place = np.empty(len(which), np.int64)
+    for k in range(len(which)):
+        i = which[k]
+        row = quanta[i, 1] // PER_METRE - south // PER_METRE
+        place[k] = free[row]
+        free[row] += 1
+        xyz[place[k], 0] = (quanta[i, 0] + right) * quantum
+        xyz[place[k], 1] = (quanta[i, 1] + up) * quantum
+        xyz[place[k], 2] = quanta[i, 2] * quantum
+    return place
