@@ -22,7 +22,7 @@ from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
 from eaves.recipe.recipe import SEAM, Recipe
 from eaves.run.clock import Clock
-from eaves.run.keys import BLOCKS, key_of
+from eaves.run.keys import BLOCKS
 from eaves.run.store import Places, Store, Task
 from eaves.surroundings.decks import Decks, wet_or_bridged
 from eaves.surroundings.vegetation import vegetation_classes
@@ -102,7 +102,7 @@ def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
     if wide is not None:
         local = seen.translated(-block.origin[0], -block.origin[1])
         beneath += [wide.terrain_beneath(local, block.origin), wide.doubts_in(block.bounds)]
-    taken = key_of(BLOCKS.key(recipe), cloud, beneath)
+    taken = store.key_of(BLOCKS.key(recipe), cloud, beneath)
     if store.recalls(BLOCKS, block, task.read, taken):
         return
     result = block_pass(cloud, block, recipe, wide, decks)

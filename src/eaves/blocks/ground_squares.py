@@ -21,7 +21,7 @@ from eaves.model.cloud import GROUND as GROUND_CLASS
 from eaves.model.cloud import UNCLASSIFIED
 from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Clock
-from eaves.run.keys import GROUND, key_of
+from eaves.run.keys import GROUND
 from eaves.run.store import SECONDS, Places, Store, Task
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, around_squares
 
@@ -80,7 +80,7 @@ def keep_ground(
     bounds = square.bounds.buffered(recipe.ground.buffer)
     wide = load_wide(store, bounds) if recipe.sees_wide else None
     patches = () if wide is None else [one.cropped(bounds.buffered(one.cell)) for one in wide.patches]
-    taken = key_of(GROUND.key(recipe), cloud, [number for _, number in own.values()], patches)
+    taken = store.key_of(GROUND.key(recipe), cloud, [number for _, number in own.values()], patches)
     if store.recalls(GROUND, square, task.read, taken):
         return
     classes, part = classify_square(cloud, inside, wide, recipe)

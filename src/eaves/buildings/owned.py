@@ -21,7 +21,7 @@ from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Clock
-from eaves.run.keys import BUILDINGS, key_of
+from eaves.run.keys import BUILDINGS
 from eaves.run.store import Store, Task
 
 log = logging.getLogger("eaves")
@@ -39,7 +39,7 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
         plan = gatherer.snapped(plan)
     gathered = [gatherer.gather(owner, building) for building in plan.buildings]
     before = {one.key: one for one in Kept(store, (BUILDINGS,)).saved(owner) if one.key}
-    taken = key_of(step, gathered, plan.addresses)
+    taken = store.key_of(step, gathered, plan.addresses)
     if store.recalls(BUILDINGS, owner, task.read, taken):
         return
     results: list[BuildingResult | SavedBuilding] = [
@@ -54,7 +54,7 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
     clock.lap("outline")
     buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("units")
-    own = [key_of(step, one, shape) for one, shape in zip(buildings, footprints, strict=True)]
+    own = [store.key_of(step, one, shape) for one, shape in zip(buildings, footprints, strict=True)]
     made = [number for number, key in enumerate(own) if key not in before]
     found: dict[int, BuildingResult | SavedBuilding] = {
         number: before[key] for number, key in enumerate(own) if key in before

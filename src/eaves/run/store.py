@@ -93,6 +93,13 @@ class Store:
     has_returns: bool = True
     has_classes: bool = True
     system: CoordinateSystem = CoordinateSystem()  # noqa: RUF009 (frozen)
+    outlasts: bool = False
+    """Whether a later run may find the results; only then it is worth knowing what they follow from."""
+
+    def key_of(self, *taken: Any) -> str:
+        """The key of what a step takes from the files it reads; empty in a store that does not outlast its
+        run, which finds its results by these files alone."""
+        return key_of(*taken) if self.outlasts else ""
 
     def prepare(self, remedy: str = "run without --resume") -> None:
         """Make the folders, where nothing of another form lies in them.
@@ -272,7 +279,7 @@ class Store:
         """Whether the result that is there follows from the same, though read from other files; it is marked
         as read from these then, and else it is no more."""
         mark = self.mark(step, unit)
-        if mark is not None and mark.taken == taken:
+        if taken and mark is not None and mark.taken == taken:
             self._write_mark(step, unit, replace(mark, read=read))
             return True
         self.remove(step, unit)
