@@ -186,7 +186,8 @@ class Store:
         range_of: dict[Block, tuple[int, int]] = {}
         seen, count = [], 0
         rows = np.zeros((north - south) // PER_METRE + 2, np.int64)
-        # from south to north and west to east: dealt out to rows of cells, the points of files are in order
+        # from south to north and west to east: dealt out to rows of cells, the points are in order where each
+        # block has them from one file and the cells of blocks agree
         for near in sorted(squares_touching(bounds, side), key=lambda block: (block.row, block.column)):
             right, up = (round(way / GRID_STEP) for way in near.origin)
             limits, start = (west - right, south - up, east - right, north - up), count
@@ -202,14 +203,16 @@ class Store:
         total, free = int(rows.sum()), np.cumsum(rows) - rows
         arrays = {name: np.empty(total, RECORD[name]) for name, wanted in fields.items() if wanted}
         xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
+        ordered = len(seen) == len({near for near, *_ in seen})
         for near, records, which, first in seen:
             right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, origin))
+            ordered &= right % PER_METRE == 0 == up % PER_METRE
             low = south - round(near.origin[1] / GRID_STEP)
             place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
             number[place] = which + first
             for name, values in arrays.items():
                 values[place] = records[name].take(which)
-        cloud = PointCloud(xyz=xyz, origin=origin, **arrays, system=self.system)  # type: ignore[arg-type]
+        cloud = PointCloud(xyz, origin, **arrays, system=self.system, ordered=ordered)
         order = cloud.canonical_order()
         places = Places(range_of, number.take(order))
         cloud = replace(cloud.take(order), ordered=True)
