@@ -385,7 +385,7 @@ def within_kernel(
 
 @inlined_kernel
 def first_kernel(quanta: NDArray[np.int32], axis: int, level: int, start: int, end: int) -> Any:
-    """The first of some points, whose cells rise along an axis, that lies in the cell of a level or behind."""
+    """The first of some points, whose cells rise along an axis, that lies in the cell of a level or after."""
     while start < end:
         middle = (start + end) // 2
         if quanta[middle, axis] // PER_METRE < level // PER_METRE:
