@@ -8,10 +8,8 @@ import numpy as np
 import shapely
 from tests.conftest import write_laz
 
-from eaves.blocks.block import nearest_ground
 from eaves.formats import read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
-from eaves.model import Bounds, PointCloud
 from eaves.pipeline import build
 from eaves.simulate.objects.roofs import ExactScene
 
@@ -45,10 +43,3 @@ def test_a_footprint_without_ground_beside_it_stands_on_the_nearest_and_says_so(
     assert len(modelled) >= 4
     assert {without[name][0] for name in modelled} == {"nearest ground"}
     assert all(abs(without[name][1] - whole[name][1]) < 0.5 for name in modelled)
-
-
-def test_where_no_ground_is_near_the_nearest_is_taken() -> None:
-    xyz = np.array([[90.0, 5.0, 3.0], [-40.0, 5.0, 1.0], [5.0, 5.0, 9.0]])
-    cloud = PointCloud(xyz, classification=np.array([2, 2, 6], np.uint8))
-    assert nearest_ground(cloud, Bounds(0.0, 0.0, 10.0, 10.0)).tolist() == [[-40.0, 5.0, 1.0]]
-    assert len(nearest_ground(cloud.take(np.array([2])), Bounds(0.0, 0.0, 10.0, 10.0))) == 0

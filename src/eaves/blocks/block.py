@@ -14,7 +14,7 @@ from eaves.detect import detect_buildings
 from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import WideObjects
-from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
+from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
 from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
@@ -135,12 +135,8 @@ def see_block(
     The arguments are those of `block_pass`.
     """
     cloud = cloud.about(block.origin).in_canonical_order()
-    core = Bounds(0.0, 0.0, block.side, block.side)
-    seen = core.buffered(recipe.scene_buffer)
-    whole, cloud = cloud, cloud.take(seen.contains(cloud.xyz))
+    seen = Bounds(0.0, 0.0, block.side, block.side).buffered(recipe.scene_buffer)
     beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
-    if beneath is None or not len(beneath):
-        beneath = nearest_ground(whole, core) if not cloud.ground.any() else beneath
     other = wet_or_bridged(cloud, decks)
     on_deck = other == BRIDGE_DECK
     cloud = with_classes(cloud, other)
@@ -155,15 +151,6 @@ def see_block(
         hidden = with_classes(on_decks.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
         on_decks = replace(on_decks, cloud=hidden)
     return scene, on_decks, wires
-
-
-def nearest_ground(cloud: PointCloud, core: Bounds) -> Points:
-    """The ground point (1, 3) nearest to the middle of a block, (0, 3) when there is none: what the terrain
-    is taken from where the rasters' own surroundings show no ground."""
-    ground = cloud.xyz[cloud.ground]
-    middle = np.array([(core.west + core.east) / 2, (core.south + core.north) / 2])
-    order = np.argsort(((ground[:, :2] - middle) ** 2).sum(axis=1), kind="stable")
-    return np.asarray(ground[order[:1]])
 
 
 def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:

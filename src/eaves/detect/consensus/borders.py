@@ -28,7 +28,7 @@ def cut_cells(evidence: Evidence, odds: Values, sure: float, smoothness: float, 
     nodes = np.flatnonzero(unsettled)
     if not len(nodes):
         return building
-    number = np.full(unsettled.size, -1)
+    number = np.full(unsettled.size, -1, np.int32)
     number[nodes] = np.arange(len(nodes))
     one, two = neighbour_pairs(evidence.candidate, unsettled)
     price = smoothness * np.exp(-((continuity(evidence, one, two) / max_jump) ** 2))
@@ -45,12 +45,13 @@ def cut_cells(evidence: Evidence, odds: Values, sure: float, smoothness: float, 
         loss += np.bincount(number[inner[no]], weights=price[no], minlength=len(nodes))
     both = unsettled.ravel()[one] & unsettled.ravel()[two]
     pairs = (number[one[both]], number[two[both]], price[both])
+    del one, two, price, beside, both  # of a wide scene they would be alive at the peak of memory
     building.ravel()[nodes[source_side(gain, loss, pairs)]] = True
     return building
 
 
 def source_side(
-    gain: Values, loss: Values, pairs: tuple[NDArray[np.int64], NDArray[np.int64], Values]
+    gain: Values, loss: Values, pairs: tuple[NDArray[np.int32], NDArray[np.int32], Values]
 ) -> Mask:
     """Which nodes (N,) the least cut leaves with the source.
 
@@ -60,11 +61,14 @@ def source_side(
     count = len(gain)
     source, sink = count, count + 1
     one, two, price = pairs
-    every = np.arange(count)
-    rows = np.concatenate([one, two, np.full(count, source), every])
-    columns = np.concatenate([two, one, every, np.full(count, sink)])
-    capacity = np.rint(UNIT * np.concatenate([price, price, gain, loss])).astype(np.int32)
+    every = np.arange(count, dtype=np.int32)
+    rows = np.concatenate([one, two, np.full_like(every, source), every])
+    columns = np.concatenate([two, one, every, np.full_like(every, sink)])
+    capacity = np.concatenate(
+        [np.rint(UNIT * values).astype(np.int32) for values in (price, price, gain, loss)]
+    )
     graph = coo_array((capacity, (rows, columns)), (count + 2, count + 2)).tocsr()
+    del rows, columns, capacity
     rest = graph - maximum_flow(graph, source, sink).flow
     rest.data = (rest.data > 0).astype(np.int8)
     rest.eliminate_zeros()
