@@ -119,7 +119,7 @@ def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[st
             got = np.zeros(len(survey.xyz), bool)
             for block in region.blocks:
                 with open_block(region.store, block) as file:
-                    got[file.points(file["candidate"][file["label"] > 0])["point_id"]] = True
+                    got[file.points(file.candidate[file["label"] > 0])["point_id"]] = True
             found = sum(len(plan.buildings) for plan in plans)
             yield column, compared(survey.xyz[known], got[known], want[known], found)
 

@@ -73,7 +73,6 @@ def block_pass(
         classification=cloud.classification[inside],
         label=regions.label[inside],
         part=part[inside],
-        not_last=not_last(cloud)[inside],
         vegetation=vegetation[inside],
         height=scene.height[inside].astype(np.float32),
         score=np.round(regions.score, 3),
@@ -165,13 +164,6 @@ def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:
 def holds(bounds: Bounds, doubt: Doubt) -> bool:
     """Whether a doubt lies within bounds: of neighbouring blocks only one has it."""
     return bool(bounds.contains(np.array([[doubt.x, doubt.y]]))[0])
-
-
-def not_last(cloud: PointCloud) -> Mask:
-    """The points (N,) whose pulses came back once more from below; none where the scan does not say."""
-    if cloud.return_number is None or cloud.number_of_returns is None:
-        return np.zeros(len(cloud), bool)
-    return np.asarray(cloud.return_number < cloud.number_of_returns)
 
 
 def crop(raster: Raster, bounds: Bounds) -> Raster:

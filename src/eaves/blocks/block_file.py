@@ -94,7 +94,7 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     """A result as the arrays of its file."""
     high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
     low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
-    some = np.flatnonzero((result.label > 0) | high | low)
+    some = (result.label > 0) | high | low
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
     extent = result.extent
     about = {
@@ -109,10 +109,9 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
         "classification": result.classification,
         "vegetation": result.vegetation,
         "part": result.part,
-        "candidate": some.astype(np.int32),
-        "label": result.label[some],
-        "high": high[some],
-        "not_last": result.not_last[some],
+        "candidate": np.packbits(some),
+        "label": result.label[some].astype(np.min_scalar_type(count)),
+        "high": np.packbits(high[some]),
         "score": result.score,
         "dtm": result.dtm.values,
         "ground": ground_cells(result),
@@ -126,10 +125,11 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
 def save_block(store: Store, result: BlockResult, places: Places, read: str, taken: str) -> None:
     """Keep what the block pass found in one block, of points from such places, of files and inputs with
     keys."""
-    number = places.within(result.block)
-    if (number[1:] > number[:-1]).all():  # the block's points lie in one file: they are in order there
-        number = number[:0]
-    store.save(BLOCKS, result.block, block_arrays(result) | {"number": number}, read, taken)
+    ends = np.cumsum([len(records) for records in store.map_points(result.block)])
+    file = np.searchsorted(ends, places.within(result.block), "right")
+    kind = np.min_scalar_type(len(ends))
+    file = file[:0] if len(ends) == 1 else file
+    store.save(BLOCKS, result.block, block_arrays(result) | {"from_file": file.astype(kind)}, read, taken)
 
 
 def open_block(store: Store, block: Block) -> BlockFile:
@@ -195,25 +195,33 @@ class BlockFile:
         """`dtm`, `dsm` or `ground` (1 where a cell holds a ground point), about the block's corner."""
         return Raster(self[name], *self.about["corner"])
 
+    @cached_property
+    def candidate(self) -> NDArray[np.int64]:
+        """The numbers (M,) of the points that can belong to a building."""
+        return np.flatnonzero(np.unpackbits(self["candidate"]))
+
     def points(self, which: NDArray[np.integer] | None = None) -> NDArray[np.void]:
         """The records of the block's points, or of some (K,) of them, as the store keeps them."""
-        records, number = self._store.read_points(self.block), self["number"]
-        if which is not None:
-            return records.take(number.take(which) if len(number) else which)
-        return records.take(number) if len(number) else records
+        records, file = self._store.read_points(self.block), self["from_file"]
+        if not len(file):
+            return records if which is None else records.take(which)
+        # the points of each file are in canonical order, as all of them are
+        number = np.empty(len(file), np.int64)
+        number[np.argsort(file, kind="stable")] = np.arange(len(file))
+        return records.take(number if which is None else number.take(which))
 
     def candidates(self) -> Candidates:
         """The points that can belong to a building."""
-        which = self["candidate"]
+        which = self.candidate
         points = self.points(which)
         return Candidates(
             self.block,
             points["xyz"] * GRID_STEP,
             np.ascontiguousarray(points["point_id"]),
-            self["label"],
+            self["label"].astype(np.int32),
             self["part"][which],
-            self["high"],
+            np.unpackbits(self["high"], count=len(which)).astype(bool),
             self["score"],
             self.about["spacing"],
-            self["not_last"],
+            np.asarray(points["return_number"] < points["number_of_returns"]),
         )

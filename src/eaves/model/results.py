@@ -25,8 +25,6 @@ class BlockResult:
     classification: NDArray[np.uint8]
     label: Labels
     part: NDArray[np.uint8]
-    not_last: NDArray[np.bool_]
-    """Whether the pulse came back once more from below."""
     vegetation: NDArray[np.uint8]
     """Class 3, 4 or 5 where a point is vegetation, 14 or 15 on a wire or its tower, else 0."""
     height: NDArray[np.float32]
