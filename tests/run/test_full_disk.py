@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from tests.run.test_long_buildings import features
 from eaves.blocks import block
 from eaves.buildings import owned
 from eaves.flow import outputs
+from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
 from eaves.pipeline import build
 from eaves.run import partition
@@ -92,6 +94,17 @@ def count_blocks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     monkeypatch.setattr(block, "save_block", counted)
     return computed
+
+
+def test_a_disk_too_small_for_the_points_is_refused_before_they_are_read(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("eaves.flow.region.shutil.disk_usage", lambda path: SimpleNamespace(free=100_000))
+    with pytest.raises(
+        InputError, match=r"out: its disk has 0\.0 GB free, and [\d,]+ points take .*--per-tile"
+    ):
+        build(nine_roofs_file, tmp_path / "out")
+    assert not (tmp_path / "out" / ".eaves-work").exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")

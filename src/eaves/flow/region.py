@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -36,6 +37,7 @@ from eaves.run.index import Index
 from eaves.run.keys import BLOCKS, BUILDINGS, DECKS, EDITED, FLOORS, GONE, GROUND, NAMED, WIDE, Step, key_of
 from eaves.run.partition import (
     FileSlice,
+    Window,
     file_slices,
     find_isolated_blocks,
     key_of_part,
@@ -44,14 +46,16 @@ from eaves.run.partition import (
     partition_slice,
 )
 from eaves.run.replace import files_of, keep_gone, scan_number
-from eaves.run.store import Store, Task
+from eaves.run.store import RECORD, Store, Task
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, ring, squares_of
 
 log = logging.getLogger("eaves")
 
 COPIED_POINTS = 200_000_000
-"""Inputs of more points are decompressed a second time: copies of 34 bytes a point would fill the disk."""
+"""Inputs of more points are decompressed a second time: copies of their records would fill the disk."""
+COPIED_BYTES = 20
+"""Of the shortest record of a LAS file."""
 LARGEST_RASTER = 10_000_000_000
 """Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
 
@@ -131,8 +135,30 @@ def open_region(run: Run, workers: Workers, progress: Progress, core: Core | Non
         (store.folder / NUMBERS).unlink(missing_ok=True)
     else:
         store.discard()
+        if core is None:
+            check_space(run)
         store.prepare()
     return Region(run, store, workers, progress, core or Core(), list(run.failed), points=run.index.points)
+
+
+def check_space(run: Run) -> None:
+    """Refuse a run whose points alone would fill the disk.
+
+    Raises
+    ------
+    InputError
+        When they would.
+    """
+    each = RECORD.itemsize + (COPIED_BYTES if copies_records(run) else 0)
+    needed = each * run.index.points if run.window == Window() else 0
+    free = shutil.disk_usage(run.work_folder.parent).free
+    if needed > free:
+        raise InputError.about(
+            run.folder,
+            f"its disk has {free / 1e9:,.1f} GB free, and {run.index.points:,} points take "
+            f"{needed / 1e9:,.1f} GB while they are computed",
+            "free some, choose a folder on another disk, or build by --per-tile",
+        )
 
 
 def kept_region(run: Run, workers: Workers, progress: Progress) -> Region:
