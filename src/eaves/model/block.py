@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model.arrays import Mask, Points
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 BLOCK_SIDE = 240.0
 """Side of a block (m): a whole multiple of the 0.5, 1 and 1.5 m cells."""
-ABREAST = 128
-"""Points whose columns are compared side by side."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +89,21 @@ class Bounds:
 
 def extremes(xyz: NDArray[Scalar]) -> tuple[NDArray[Scalar], NDArray[Scalar]]:
     """The lowest and the highest value (C,) of each column of an array (N, C), N > 0."""
-    rows = len(xyz) // ABREAST
-    if not rows or not xyz.flags.c_contiguous:
-        columns = list(xyz.T)
-        return np.array([one.min() for one in columns]), np.array([one.max() for one in columns])
-    # numpy reduces long columns of an array several times as slowly as rows
-    wide, rest = xyz[: rows * ABREAST].reshape(rows, -1), xyz[rows * ABREAST :]
-    low, high = (most.reshape(ABREAST, -1) for most in (wide.min(axis=0), wide.max(axis=0)))
-    return np.concatenate([low, rest]).min(axis=0), np.concatenate([high, rest]).max(axis=0)
+    low, high = xyz[0].copy(), xyz[0].copy()
+    extremes_kernel(xyz, low, high)
+    return low, high
+
+
+@kernel
+def extremes_kernel(xyz: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> None:
+    """Widen `low` and `high` (C,) to the values (N, C) of their columns; one that is no number stays."""
+    for i in range(len(xyz)):
+        for k in range(xyz.shape[1]):
+            value = xyz[i, k]
+            if value < low[k] or value != value:
+                low[k] = value
+            if value > high[k] or value != value:
+                high[k] = value
 
 
 @dataclass(frozen=True, order=True)

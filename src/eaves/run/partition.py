@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import Chunk, InputError, Source, iter_chunks, open_source
-from eaves.formats.atomic import atomic, show_file
+from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP, canonical_order
@@ -278,7 +278,8 @@ class SliceWriter:
             with path.open("rb+") as file:
                 file.write(data)
             written[block] = len(data), crc32(data)
-            show_file(path, path.with_name(f"{self._name}.bin"))
+            # not forced to the disk: who goes on from it checks its size and checksum
+            os.replace(path, path.with_name(f"{self._name}.bin"))
         return written
 
     def discard(self) -> None:

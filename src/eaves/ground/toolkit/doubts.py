@@ -44,15 +44,15 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
     doubtful = np.zeros(0, np.int64) if cloud.part is None else np.flatnonzero(cloud.part == DOUBTFUL)
     if len(doubtful) == 0:
         return ()
-    quanta = np.rint(cloud.xyz[:, :2] / GRID_STEP).astype(np.int64)
-    quanta += np.rint(np.divide(cloud.origin, GRID_STEP)).astype(np.int64)
-    cell = quanta // round(COARSEST_M / GRID_STEP)
-    cell -= extremes(cell)[0]
-    number = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
+    # whole numbers in floats, which divide several times as fast
+    quanta = np.rint(cloud.xyz[:, :2] / GRID_STEP) + np.rint(np.divide(cloud.origin, GRID_STEP))
+    cell = np.floor(quanta / round(COARSEST_M / GRID_STEP))
+    low, high = extremes(cell)
+    number = ((cell[:, 0] - low[0]) * (high[1] - low[1] + 1) + cell[:, 1] - low[1]).astype(np.int64)
     cells, home = np.unique(number[doubtful], return_inverse=True)
     every, some = np.bincount(number)[cells], np.bincount(home)
     middle = np.zeros((len(cells), 2), np.int64)
-    np.add.at(middle, home, quanta[doubtful])
+    np.add.at(middle, home, quanta[doubtful].astype(np.int64))
     found = []
     for k in np.flatnonzero(some > 1):
         x, y = (round(float(value) * GRID_STEP, 2) for value in middle[k] // some[k])
