@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Block, Bounds, Labels, Points, Raster
-from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
+from eaves.model.cloud import BUILDING, GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
@@ -96,6 +96,9 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
     some = (result.label > 0) | high | low
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
+    # what was found outside given footprints is a building, too, though it is not modelled
+    classes = np.where(result.vegetation > 0, result.vegetation, result.classification)
+    classes[result.label > 0] = BUILDING
     extent = result.extent
     about = {
         "spacing": result.spacing,
@@ -106,8 +109,7 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     return {
         "seconds": block_json(result.seconds),
         "about": block_json(about),
-        "classification": result.classification,
-        "vegetation": result.vegetation,
+        "classification": classes,
         "part": result.part,
         "candidate": np.packbits(some),
         "label": result.label[some].astype(np.min_scalar_type(count)),

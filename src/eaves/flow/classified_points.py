@@ -213,10 +213,6 @@ def gather_labels(
         with open_block(store, block) as file:
             point_id = file.points()["point_id"]
             classes, part = file["classification"], file["part"]
-            vegetation = file["vegetation"]
-            classes[vegetation > 0] = vegetation[vegetation > 0]
-            # what was found outside given footprints is a building, too, though it is not modelled
-            classes[file.candidate[file["label"] > 0]] = BUILDING
         classes[opened("building_id")[point_id] > 0] = BUILDING
         opened("classes")[point_id] = classes
         opened("part")[point_id] = part
