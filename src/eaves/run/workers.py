@@ -120,6 +120,7 @@ class Child:
                 show(self.pipe.recv())
                 sent.popleft()
             except (EOFError, OSError):
+                self.stop()  # no longer among those alive once it is shown
                 for index in sent:
                     show(Outcome(index, error=KILLED))
                 return
