@@ -181,7 +181,7 @@ class Workers:
             for child in self._processes():
                 child.pipe.send((work, None, None))
 
-    def heaviest_first(self, tasks: Sequence[Task], weight: Callable[[Task], int]) -> list[Task]:
+    def heaviest_first(self, tasks: Sequence[Task], weight: Callable[[Task], float]) -> list[Task]:
         """The tasks in the order in which several processes end together; in their own when they are many,
         for neighbours read the same files."""
         if self.alone or len(tasks) > FEW * max(self.jobs, 1):
