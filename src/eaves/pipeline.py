@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple, Unpack
 from eaves.flow import region as steps
 from eaves.flow.outputs import finished_models, write_outputs
 from eaves.flow.region import Core, Region, TooNarrowError
-from eaves.flow.run import Progress, Run, no_progress, open_run
+from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.formats.atomic import DiskFullError, report_full_disk
 from eaves.model import Block, BuildingModel, CoordinateSystem, Failure
 from eaves.model.provenance import Provenance
@@ -162,10 +162,11 @@ def build_run(
     run: Run, workers: Workers, progress: Progress = no_progress, sink: PointSink | None = None
 ) -> Summary:
     """All files of a run but for the report: as one region, or tile by tile."""
-    if run.by_tiles:
-        return build_tiles(run, workers, progress)
     if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
         workers.start(partial(steps.import_methods, run.recipe))
+    run = look_at_scan(run)  # while they start
+    if run.by_tiles:
+        return build_tiles(run, workers, progress)
     region = steps.open_region(run, workers, progress)
     summary = build_region(region, sink)
     steps.warn_of_wrong_boxes(run.index, region.wrong_boxes)

@@ -194,6 +194,7 @@ def write_outputs(
     progress("write", 0, len(steps))
     order = sorted(steps, key=LONGEST_FIRST.index)
     work = partial(write_output, results=results, sink=sink)
+    clock.lap("summary")
     for outcome in workers.run(work, order) if workers.started else ():
         region.peak = max(region.peak, outcome.peak_mb)
         region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
@@ -203,7 +204,7 @@ def write_outputs(
                 sink.take_from(filled)
             note(run, written[order[outcome.index]])
             progress("write", len(written), len(steps))
-    clock.lap("summary")
+    clock.skip()
     for step in steps:
         if step not in written:  # what failed in another process is tried here, where its error can be raised
             written[step] = write_output(step, results, sink)[0]

@@ -458,7 +458,7 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
     run, store, recipe = region.run, region.store, region.run.recipe
     snap = run.options["snap_footprints"]
-    plans = region.workers.heaviest_first(plans, lambda plan: len(plan.buildings))
+    plans = region.workers.heaviest_first(plans, partial(size_of, store=store))
     store.keep_only(BUILDINGS, [plan.owner_block for plan in plans])
     reads = []
     for plan in plans:
@@ -467,6 +467,17 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     work = partial(keep_buildings, store=store, recipe=recipe, snap=snap)
     compute(region, BUILDINGS, plans, reads, work, "buildings", shown=True)
     region.budget.step("buildings")
+
+
+def size_of(plan: OwnedBuildings, store: Store) -> float:
+    """How many points the buildings of an owner block have, or the area (m²) of given ones: a hall may take
+    longer than a street."""
+    given = [building.given for building in plan.buildings if building.given is not None]
+    if given:
+        return float(sum(footprint.polygon.area for footprint in given))
+    labels = {block: store.array(BLOCKS, block, "label") for block in plan.blocks}
+    parts = [part for building in plan.buildings for part in building.regions]
+    return float(sum(int((labels[block] == label).sum()) for block, label in parts))
 
 
 def end_region(region: Region, complete: bool) -> None:

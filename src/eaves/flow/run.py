@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, Unpack
 
-from eaves.flow.advice import ScanFacts, scan_facts
+from eaves.flow.advice import scan_facts
 from eaves.flow.collisions import refuse_collisions
 from eaves.flow.exports import check_formats
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
@@ -69,7 +69,7 @@ class Run:
     index: Index
     window: Window
     plan: dict[str, Any]
-    """All that decides the result (`describe`)."""
+    """All that decides the result (`describe_plan`), and the facts of the scan (`look_at_scan`)."""
     options: RunOptions = field(default_factory=lambda: DEFAULT_OPTIONS)
     """All of them."""
     inputs: tuple[str, ...] = ()
@@ -207,9 +207,6 @@ def open_run(
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
     warn_of_heights(index.system, options["formats"])
-    facts = scan_facts(index)
-    for remark in facts.remarks():
-        log.info("scan: %s", remark)
     claim(folder)
     given = "footprints" in polygons
     return Run(
@@ -217,7 +214,7 @@ def open_run(
         recipe=recipe,
         index=index,
         window=window,
-        plan=describe_plan(index, recipe, options, map_, hashes, facts),
+        plan=describe_plan(index, recipe, options, map_, hashes),
         remote=traffic.as_json() if traffic.addresses else {},
         options=options,
         inputs=tuple(os.path.realpath(path) for path in paths),
@@ -228,6 +225,14 @@ def open_run(
         failed=tuple(failed),
         started=started,
     )
+
+
+def look_at_scan(run: Run) -> Run:
+    """The run with the facts of its scan in its plan, and its remarks in the log."""
+    facts = scan_facts(run.index)
+    for remark in facts.remarks():
+        log.info("scan: %s", remark)
+    return replace(run, plan={**run.plan, "scan": facts.as_json()})
 
 
 def recipe_of(options: RunOptions) -> Recipe:
@@ -301,7 +306,6 @@ def describe_plan(
     options: RunOptions,
     known: Map | None,
     hashes: Mapping[str, str | None],
-    facts: ScanFacts,
 ) -> dict[str, Any]:
     """All that decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
@@ -314,7 +318,6 @@ def describe_plan(
     return {
         "version": version("eaves"),
         **index.describe(),
-        "scan": facts.as_json(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
         "methods": methods,

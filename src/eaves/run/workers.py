@@ -10,13 +10,14 @@ import sys
 import threading
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing.connection import wait as wait_for_end
+from multiprocessing.connection import Connection
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
 from eaves.formats.atomic import is_full
@@ -26,10 +27,11 @@ from eaves.run.memory import REMEDY, limit_memory, share_memory
 log = logging.getLogger("eaves")
 Task = TypeVar("Task")
 AHEAD = 4
-"""Tasks that wait for each worker."""
-PROCESS_STATUS = Path("/proc/self/status")
+"""Tasks that wait for each worker, where there are so many."""
+PROCESS_STATUS, PROCESS_SCORE = Path("/proc/self/status"), Path("/proc/self/oom_score_adj")
 FEW = 64
 """Tasks for each worker, of which the largest go first."""
+KILLED = "its process was killed"
 
 
 @dataclass(frozen=True)
@@ -84,35 +86,89 @@ def is_interrupt(error: BaseException | None) -> bool:
     return error is not None
 
 
+class Child:
+    """A process that computes one task after another."""
+
+    def __init__(self, memory: int | None) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, end = context.Pipe()
+        self.process = context.Process(target=serve, args=(end, memory), daemon=True)
+        self.process.start()
+        end.close()
+
+    def compute(
+        self,
+        work: Callable[[Task], Any],
+        tasks: Sequence[Task],
+        todo: deque[int],
+        spare: int,
+        show: Callable[[Outcome], None],
+    ) -> None:
+        """Show the outcomes of tasks by their numbers `todo`, which others take from at the same time.
+
+        One task waits at the process while more than `spare` are left: the caller may be too busy to hand it
+        out. What the process has when it dies is shown as `KILLED`.
+        """
+        sent: deque[int] = deque()
+        while True:
+            try:
+                while len(sent) < (2 if len(todo) > spare else 1) and (index := take(todo)) is not None:
+                    sent.append(index)
+                    self.pipe.send((work, index, tasks[index]))
+                if not sent:
+                    return
+                show(self.pipe.recv())
+                sent.popleft()
+            except (EOFError, OSError):
+                self.stop()  # no longer among those alive once it is shown
+                for index in sent:
+                    show(Outcome(index, error=KILLED))
+                return
+            except Exception as error:  # it could not be sent
+                show(Outcome(sent.pop(), error=f"{type(error).__name__}: {error}"))
+
+    def stop(self) -> None:
+        """End the process, whatever it is at."""
+        self.process.terminate()
+        self.process.join()
+        self.pipe.close()
+
+
+def take(todo: deque[int]) -> int | None:
+    """The first of some numbers, which is none of them from then on; None where none is left."""
+    try:
+        return todo.popleft()
+    except IndexError:
+        return None
+
+
 class Workers:
     """Who computes in a run; a context manager, for processes and connections last from stage to stage.
 
     Parameters
     ----------
     jobs
-        Processes; with 1 this process does it all.
+        Processes, of which this one is the first.
     scheduler
         Address of a running Dask scheduler (`tcp://host:port`) whose workers share the file system; it goes
         before `jobs`.
     memory
         Bytes for all processes together: each gets its share, and there are fewer of them where a share would
-        be too small. This process then leaves the work to one of them also when `jobs` is 1.
+        be too small. This process then leaves all work to others, also when `jobs` is 1.
     """
 
     def __init__(self, jobs: int = 1, scheduler: str | None = None, memory: int | None = None) -> None:
         (self.jobs, self._share), self.scheduler = share_memory(memory, jobs), scheduler
-        self._pool: ProcessPoolExecutor | None = None
+        self._children: list[Child] = []
         self._client: Any = None
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._client is not None:
             self._client.close()
-        if kind is not None:  # Ctrl-C, or an error: do not wait for what is under way
-            self._stop_processes()
-        self._drop_pool()
+        self._stop()
 
     @property
     def alone(self) -> bool:
@@ -121,12 +177,11 @@ class Workers:
 
     def start(self, work: Callable[[], Any]) -> None:
         """Start the processes, if there are to be some, with work that makes them import what they need."""
-        if self.scheduler is None and not self.alone and self._pool is None:
-            pool = self._processes()
-            for _ in range(self.jobs):
-                pool.submit(work)
+        if self.scheduler is None and not self.started:
+            for child in self._processes():
+                child.pipe.send((work, None, None))
 
-    def heaviest_first(self, tasks: Sequence[Task], weight: Callable[[Task], int]) -> list[Task]:
+    def heaviest_first(self, tasks: Sequence[Task], weight: Callable[[Task], float]) -> list[Task]:
         """The tasks in the order in which several processes end together; in their own when they are many,
         for neighbours read the same files."""
         if self.alone or len(tasks) > FEW * max(self.jobs, 1):
@@ -136,7 +191,7 @@ class Workers:
     @property
     def started(self) -> bool:
         """Whether there are processes that wait for work."""
-        return self._pool is not None
+        return bool(self._children)
 
     def run(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
         """Outcomes of `work(task)` for every task, as they are ready; `work` must write its own part."""
@@ -149,62 +204,39 @@ class Workers:
                 yield attempt(work, index, task)
 
     def _run_in_processes(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """As `run`, in processes.
+        """As `run`, in processes, of which this one is one; not where memory is limited.
 
-        Tasks lost when a process dies are tried again, in the end each on its own, so that the one that
-        kills its process is the only one to fail.
+        Tasks lost when a process dies are tried again, each on its own, so that the one that kills its
+        process is the only one to fail. One that kills this process ends the run.
         """
-        left = set(range(len(tasks)))
-        together = True
-        while left:
-            before = len(left)
-            for batch in [sorted(left)] if together else [[index] for index in sorted(left)]:
-                for outcome in self._run_batch(work, tasks, batch):
-                    left.discard(outcome.index)
-                    yield outcome
-                if not together and batch[0] in left:
-                    left.discard(batch[0])
-                    reason = f"its process was killed, also when tried alone: memory may be short; {REMEDY}"
-                    yield Outcome(batch[0], error=reason)
-            if left:
-                log.warning("a worker process was killed; %d lost tasks are tried again", len(left))
-                together = together and len(left) < before
-
-    def _run_batch(
-        self, work: Callable[[Task], Any], tasks: Sequence[Task], batch: list[int]
-    ) -> Iterator[Outcome]:
-        """Outcomes of the tasks (by number) that the processes end before one of them dies.
-
-        Few tasks wait in the pool at a time: a country has more of them than memory should hold.
-        """
-        pool = self._processes()
-        waiting, broken = iter(batch), False
-        running: set[Future[Outcome]] = set()
+        todo, lost = deque(range(len(tasks))), list[int]()
+        outcomes: SimpleQueue[Outcome] = SimpleQueue()
+        driven: list[Child] = []
         try:
-            while True:
-                while not broken and len(running) < AHEAD * self.jobs:
-                    index = next(waiting, None)
-                    if index is None:
-                        break
-                    try:
-                        running.add(pool.submit(attempt, work, index, tasks[index]))
-                    except BrokenProcessPool:
-                        broken = True
-                if not running:
-                    return
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    try:
-                        yield future.result()
-                    except BrokenProcessPool:
-                        broken = True
-        except BaseException:  # the caller wants no more
-            self._stop_processes()
-            self._drop_pool()
+            for _ in tasks:
+                for child in self._processes():
+                    if child not in driven:
+                        driven.append(child)
+                        words = work, tasks, todo, AHEAD * self.jobs, outcomes.put
+                        threading.Thread(target=child.compute, args=words, daemon=True).start()
+                own = take(todo) if self._share is None and outcomes.empty() else None
+                outcome = outcomes.get() if own is None else attempt(work, own, tasks[own])
+                if outcome.error == KILLED:
+                    lost.append(outcome.index)
+                else:
+                    yield outcome
+            if lost:
+                log.warning("a worker process was killed; %d lost tasks are tried again", len(lost))
+            for index in lost:
+                self._processes()[0].compute(work, tasks, deque([index]), 1, outcomes.put)
+                outcome = outcomes.get()
+                if outcome.error == KILLED:
+                    reason = f"{KILLED}, also when tried alone: memory may be short; {REMEDY}"
+                    outcome = Outcome(index, error=reason)
+                yield outcome
+        except BaseException:  # Ctrl-C, an error, or the caller wants no more
+            self._stop()
             raise
-        finally:
-            if broken:
-                self._drop_pool()
 
     def _run_on_dask(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
         """As `run`, on the workers of the Dask scheduler."""
@@ -234,41 +266,50 @@ class Workers:
                 yield Outcome(number[future.key], error=f"the cluster lost it: {future.exception()}")
             stream.update(submit(1))
 
-    def _processes(self) -> ProcessPoolExecutor:
-        if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(
-                self.jobs, mp_context=context, initializer=begin_worker, initargs=(self._share,)
-            )
-        return self._pool
+    def _processes(self) -> list[Child]:
+        """The processes beside this one, new ones in place of those that died."""
+        count = self.jobs - (self._share is None)
+        self._children = [child for child in self._children if child.process.is_alive()]
+        self._children += [Child(self._share) for _ in range(count - len(self._children))]
+        return self._children
 
-    def _stop_processes(self) -> None:
-        for process in list((getattr(self._pool, "_processes", None) or {}).values()):
-            process.terminate()
+    def _stop(self) -> None:
+        for child in self._children:
+            child.stop()
+        self._children = []
 
-    def _drop_pool(self) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
-        self._pool = None
+
+def serve(pipe: Connection, memory: int | None) -> None:
+    """Compute what comes by a pipe, in a process that keeps to `memory`."""
+    begin_worker(memory)
+    came: SimpleQueue[tuple[Any, int, Any]] = SimpleQueue()
+    threading.Thread(target=receive, args=(pipe, came.put), daemon=True).start()
+    while True:
+        pipe.send(attempt(*came.get()))
+
+
+def receive(pipe: Connection, put: Callable[[tuple[Any, int, Any]], None]) -> None:
+    """Take what comes by a pipe as it comes, and end this process with the one at the other end; a message
+    without a number is no task, and has made this process import what it names."""
+    try:
+        while True:
+            message = pipe.recv()
+            if message[1] is not None:
+                put(message)
+    finally:
+        os._exit(1)
 
 
 def begin_worker(memory: int | None = None) -> None:
-    """Leave Ctrl-C to the process that started this one, end when it does, and keep to `memory`."""
+    """Leave Ctrl-C to the process that started this one, and keep to `memory`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=end_after, args=(parent.sentinel,), daemon=True).start()
     warnings.simplefilter("ignore")  # remarks of libraries, which nobody could read among other processes'
+    with suppress(OSError):  # not Linux, which ends such processes first when memory runs out
+        PROCESS_SCORE.write_text("500", encoding="ascii")
     limit_memory(memory)
     collect_rarely()
     import_pyogrio_alone()
-
-
-def end_after(sentinel: int) -> None:
-    """Wait for another process to end, and end this one."""
-    wait_for_end([sentinel])
-    os._exit(1)
 
 
 def import_pyogrio_alone() -> None:

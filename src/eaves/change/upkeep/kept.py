@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from eaves.flow.run import WORK, Run, open_run
+from eaves.flow.run import WORK, Run, look_at_scan, open_run
 from eaves.formats import InputError
 from eaves.methods import resolve_method
 from eaves.recipe.recipe import Recipe
@@ -78,7 +78,8 @@ def open_kept(folder: Path, new: Sequence[str] = (), out: Path | None = None, jo
     request = read_request(folder)
     inputs = [*request.inputs, *new]
     options = {**request.options, "jobs": jobs}
-    run = open_run(inputs, out or folder, kept_recipe(request.plan), keep=True, resume=True, **options)
+    recipe = kept_recipe(request.plan)
+    run = look_at_scan(open_run(inputs, out or folder, recipe, keep=True, resume=True, **options))
     broken = [reason for reason in run.failed if any(path in reason for path in new)]
     if broken:
         raise InputError(broken[0])

@@ -19,7 +19,6 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 import laspy
 import lazrs
 import numpy as np
-import pyogrio
 import pyproj
 from laspy.copc import Bounds as CopcBounds
 from laspy.copc import CopcReader
@@ -335,6 +334,8 @@ def needed(reader: CopcReader, bounds: Rectangle | None, clip: Path | None) -> R
     """The rectangle that bounds and clip area leave, in the unit of the file's system."""
     boxes = [] if bounds is None else [bounds]
     if clip is not None:
+        import pyogrio  # late: every run loads this module
+
         try:
             facts = pyogrio.read_info(clip, force_total_bounds=True)
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError):
