@@ -17,7 +17,8 @@ from eaves.reconstruct.toolkit.attributes import (
 )
 from eaves.reconstruct.toolkit.cell_labels import LARGEST, cell_costs, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
-from eaves.reconstruct.toolkit.coverage import Coverage, arrange
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import (
     LOWEST_ROOF,
     faces_as_planes,
