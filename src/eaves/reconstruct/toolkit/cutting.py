@@ -39,7 +39,7 @@ def arrange(polygon: Polygon, segments: NDArray[np.float64]) -> Coverage | None:
         return None
     first, last, _ = edges_of(shapely.orient_polygons(shapely.get_parts(whole)))
     outline = np.round(np.hstack([first, last]) / COORDINATE_STEP)
-    knotted = knot(outline, np.round(segments / COORDINATE_STEP))
+    knotted = knot(outline, segments / COORDINATE_STEP)
     return None if knotted is None else cells_between(*knotted)
 
 
@@ -48,7 +48,7 @@ def knot(
 ) -> tuple[NDArray[np.float64], Integers, Integers, Mask] | None:
     """Nodes (V, 2), the pieces between them from `start` to `end` (K,), (K,), and which are of the outline.
 
-    `outline` (E, 4) and `lines` (S, 4) are in whole steps of the grid. The lines bend through corners, ends
+    `outline` (E, 4) and `lines` (S, 4) are in steps of the grid, the outline on it. The lines bend through corners, ends
     and meeting places that they pass within `NARROWEST_NECK`: four planes that meet in a point, or a ridge
     that runs into another of its height, meet a few millimetres apart once each pair is intersected for
     itself. Then pieces that cross are divided at the nearest point of the grid, until none do. None where
@@ -60,7 +60,7 @@ def knot(
     met, piece = meetings(pieces)
     on_outline = piece < len(outline)
     corners = np.unique(outline[:, :2], axis=0)
-    others = np.vstack([met[on_outline], met[~on_outline], lines.reshape(-1, 2)])
+    others = np.vstack([met[on_outline], met[~on_outline], np.round(lines.reshape(-1, 2))])
     nodes = one_place_each(corners, others, near)
     reach = np.where(own, ROUNDED, near)
     for turn in range(MOST_ROUNDS):
