@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from eaves.geometry.components import members
 from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Labels, Points, Values
@@ -286,8 +287,9 @@ def plane_reach(
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """
     box = np.full((len(planes), 4), np.inf)
-    np.minimum.at(box[:, :2], labels[labels >= 0], roof[labels >= 0, :2])
-    np.minimum.at(box[:, 2:], labels[labels >= 0], -roof[labels >= 0, :2])
+    for number, own in enumerate(members(labels, len(planes))):
+        if len(own):
+            box[number] = np.hstack([roof[own, :2].min(axis=0), -roof[own, :2].max(axis=0)])
     box = (box - farthest) * np.array([1.0, 1.0, -1.0, -1.0])
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
     return PlaneReach(roof, planes, spacing, box, ground + LOWEST_ROOF)

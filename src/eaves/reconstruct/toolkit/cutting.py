@@ -48,11 +48,11 @@ def knot(
 ) -> tuple[NDArray[np.float64], Integers, Integers, Mask] | None:
     """Nodes (V, 2), the pieces between them from `start` to `end` (K,), (K,), and which are of the outline.
 
-    `outline` (E, 4) and `lines` (S, 4) are in steps of the grid, the outline on it. The lines bend through corners, ends
-    and meeting places that they pass within `NARROWEST_NECK`: four planes that meet in a point, or a ridge
-    that runs into another of its height, meet a few millimetres apart once each pair is intersected for
-    itself. Then pieces that cross are divided at the nearest point of the grid, until none do. None where
-    that does not end.
+    `outline` (E, 4) and `lines` (S, 4) are in steps of the grid, the outline on it. The lines bend through
+    corners, ends and meeting places that they pass within `NARROWEST_NECK`: four planes that meet in a point,
+    or a ridge that runs into another of its height, meet a few millimetres apart once each pair is
+    intersected for itself. Then pieces that cross are divided at the nearest point of the grid, until none
+    do. None where that does not end.
     """
     pieces = np.vstack([outline, lines])
     own = np.arange(len(pieces)) < len(outline)
