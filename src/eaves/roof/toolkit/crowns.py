@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from eaves.geometry.planes import nearest
+from eaves.geometry.neighbours import nearest
 from eaves.model import Mask, Points
 
 NEIGHBOURS = 8
