@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from eaves.geometry.components import members
-from eaves.kernels import kernel
+from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Labels, Points, Values
 from eaves.reconstruct.toolkit.coverage import Coverage
@@ -60,8 +60,8 @@ def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) 
     return labels
 
 
-@kernel
-def border_kernel(borders: Borders, edge: int, one: int, other: int) -> float:
+@inlined_kernel
+def border_kernel(borders: Borders, edge: int, one: int, other: int) -> Any:
     """The cost of an edge between two labels."""
     if one == other or other == OUTSIDE:
         return 0.0
@@ -100,6 +100,8 @@ def settle_kernel(
         stamp[node] = turn
         length = rim_kernel(borders.edges, around, first, group, 1, stamp, rim)
         for place in range(start[node], start[node + 1]):
+            if data[node, may[place]] >= least:  # the call alone would take longer than what it finds
+                continue
             cost = cost_kernel(data, borders, labels, group, 1, rim, length, may[place], least)
             if cost < least:
                 least, best = cost, may[place]
@@ -145,8 +147,8 @@ def settle_kernel(
                 least, best = cost_kernel(*args, own, np.inf) + whole - LEAST_GAIN, own
                 for place in range(start[seed], start[seed + 1]):
                     label = may[place]
-                    if label != own:
-                        price = label_cost if uses[label] == 0 else 0.0
+                    price = label_cost if uses[label] == 0 else 0.0
+                    if label != own and data[seed, label] < least - price:
                         cost = price + cost_kernel(*args, label, least - price)
                         if cost < least:
                             least, best = cost, label
