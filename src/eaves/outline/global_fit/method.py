@@ -262,8 +262,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
             place = np.repeat(np.arange(len(ring)), [len(one) for one in near])
             over = high[np.fromiter(chain.from_iterable(near), np.int64, len(place)), 2]
             hidden[place[over > height[place] + self.over]] = True
-        if boundary.ground is not None and len(boundary.ground):
-            hidden &= cKDTree(boundary.ground).query(ring)[0] > reach
+        if boundary.ground is not None and len(boundary.ground) and hidden.any():
+            hidden[hidden] = cKDTree(boundary.ground).query(ring[hidden])[0] > reach
         return hidden
 
     def cheapest_edges(self, ring: NDArray[np.float64], sigma: float, weight: Values) -> OutlineEdges | None:
