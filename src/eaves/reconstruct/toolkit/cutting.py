@@ -54,38 +54,39 @@ def knot(
     intersected for itself. Then pieces that cross are divided at the nearest point of the grid, until none
     do. None where that does not end.
     """
-    pieces = np.vstack([outline, lines])
-    own = np.arange(len(pieces)) < len(outline)
-    near = NARROWEST_NECK / COORDINATE_STEP
-    met, piece = meetings(pieces)
+    met, piece = meetings(np.vstack([outline, lines]))
     on_outline = piece < len(outline)
     corners = np.unique(outline[:, :2], axis=0)
     others = np.vstack([met[on_outline], met[~on_outline], np.round(lines.reshape(-1, 2))])
-    nodes = one_place_each(corners, others, near)
-    reach = np.where(own, ROUNDED, near)
-    for turn in range(MOST_ROUNDS):
-        piece, start, end = pieces_through(nodes, pieces, reach)
-        before, own = len(pieces), own[piece]
+    near = NARROWEST_NECK / COORDINATE_STEP
+    nodes, count = one_place_each(corners, others, near)
+    _, start, end = pieces_through(nodes, outline, ROUNDED)
+    _, start_of_line, end_of_line = pieces_through(nodes[:count], lines, near)
+    own = np.repeat([True, False], [len(start), len(start_of_line)])
+    start, end = np.append(start, start_of_line), np.append(end, end_of_line)
+    for _ in range(MOST_ROUNDS):
         pieces = np.hstack([nodes[start], nodes[end]])
         met, _ = meetings(pieces)
-        if turn and len(met) == 0 and len(pieces) == before:
-            return nodes, start, end, own
         if len(met):
             nodes = np.unique(np.vstack([nodes, met]), axis=0)
-        reach = np.full(len(pieces), ROUNDED)
+        piece, start, end = pieces_through(nodes, pieces, ROUNDED)
+        own = own[piece]
+        if len(met) == 0 and len(piece) == len(pieces):
+            return nodes, start, end, own
     return None
 
 
 def one_place_each(
     corners: NDArray[np.float64], others: NDArray[np.float64], near: float
-) -> NDArray[np.float64]:
-    """The corners (K, 2), and one of the other places (M, 2) for those that are connected by steps as short
-    as `near`: the first; none where a corner is among them."""
+) -> tuple[NDArray[np.float64], int]:
+    """One place for those of the corners (K, 2) and the other places (M, 2) that are connected by steps as
+    short as `near`, the first of them; after so many the corners that are none of these."""
     places = np.vstack([corners, others])
     pairs = cKDTree(places).query_pairs(near, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
-    kept = np.unique(group, return_index=True)[1]
-    return np.asarray(np.vstack([corners, places[kept[kept >= len(corners)]]]))
+    first = np.unique(group, return_index=True)[1]
+    rest = np.setdiff1d(np.arange(len(corners)), first)
+    return places[np.append(first, rest)], len(first)
 
 
 def meetings(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers]:
@@ -128,10 +129,10 @@ def crossings_kernel(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 
 def pieces_through(
-    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: Values
+    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: float
 ) -> tuple[Integers, Integers, Integers]:
-    """The pieces (M, 4) divided at the nodes (V, 2) that they pass within their `reach` (M,): the piece (K,)
-    that each part is of, and the nodes (K,), (K,) that it joins."""
+    """The pieces (M, 4) divided at the nodes (V, 2) that they pass within a `reach`: the piece (K,) that each
+    part is of, and the nodes (K,), (K,) that it joins."""
     order = np.argsort(nodes[:, 0], kind="stable")
     among = nodes[order]
     piece, node, along = passing_kernel(among, pieces, reach)
@@ -143,24 +144,23 @@ def pieces_through(
 
 @kernel
 def passing_kernel(
-    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: Values
+    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: float
 ) -> tuple[Integers, Integers, Values]:
-    """Pairs of piece and node (K,), (K,) that are within the `reach` (M,) of the piece of each other, and how
-    far along the piece the node is. The nodes (V, 2) ascend by x."""
+    """Pairs of piece and node (K,), (K,) that are within a `reach` of each other, and how far along the piece
+    the node is. The nodes (V, 2) ascend by x."""
     room, found = 4 * len(pieces) + 16, 0
     pairs, places = np.empty((2, room), np.int64), np.empty(room)
     for piece in range(len(pieces)):
         ax, ay, bx, by = pieces[piece, 0], pieces[piece, 1], pieces[piece, 2], pieces[piece, 3]
-        far = reach[piece]
         dx, dy = bx - ax, by - ay
         square = max(dx * dx + dy * dy, 1e-9)
-        for node in range(np.searchsorted(nodes[:, 0], min(ax, bx) - far), len(nodes)):
+        for node in range(np.searchsorted(nodes[:, 0], min(ax, bx) - reach), len(nodes)):
             x, y = nodes[node, 0] - ax, nodes[node, 1] - ay
-            if x > max(dx, 0.0) + far:
+            if x > max(dx, 0.0) + reach:
                 break
             along = (x * dx + y * dy) / square
             inside = min(max(along, 0.0), 1.0)
-            if (x - inside * dx) ** 2 + (y - inside * dy) ** 2 > far * far:
+            if (x - inside * dx) ** 2 + (y - inside * dy) ** 2 > reach * reach:
                 continue
             if found == room:
                 room *= 2
