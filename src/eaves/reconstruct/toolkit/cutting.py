@@ -56,7 +56,7 @@ def knot(
     """
     met, piece = meetings(np.vstack([outline, lines]))
     on_outline = piece < len(outline)
-    corners = np.unique(outline[:, :2], axis=0)
+    corners = each_once(outline[:, :2])
     others = np.vstack([met[on_outline], met[~on_outline], np.round(lines.reshape(-1, 2))])
     near = NARROWEST_NECK / COORDINATE_STEP
     nodes, count = one_place_each(corners, others, near)
@@ -67,8 +67,7 @@ def knot(
     for _ in range(MOST_ROUNDS):
         pieces = np.hstack([nodes[start], nodes[end]])
         met, _ = meetings(pieces)
-        if len(met):
-            nodes = np.unique(np.vstack([nodes, met]), axis=0)
+        nodes = each_once(np.vstack([nodes, met]))
         piece, start, end = pieces_through(nodes, pieces, ROUNDED)
         own = own[piece]
         if len(met) == 0 and len(piece) == len(pieces):
@@ -85,8 +84,15 @@ def one_place_each(
     pairs = cKDTree(places).query_pairs(near, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
     first = np.unique(group, return_index=True)[1]
-    rest = np.setdiff1d(np.arange(len(corners)), first)
-    return places[np.append(first, rest)], len(first)
+    left_out = np.ones(len(corners), bool)
+    left_out[first[first < len(corners)]] = False
+    return places[np.append(first, np.flatnonzero(left_out))], len(first)
+
+
+def each_once(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The places (K, 2), each once, by x and then by y."""
+    numbers = np.unique(places @ np.array([1.0, 1.0j]))
+    return np.column_stack([numbers.real, numbers.imag])
 
 
 def meetings(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers]:
@@ -207,7 +213,8 @@ def cells_between(nodes: NDArray[np.float64], start: Integers, end: Integers, ow
         least = np.argsort(-area[outer[cells]], kind="stable")
         cell[holes[hole[least]]] = cells[least]
     cell = cell[ring]
-    left = np.isin(start * size + end, inner, assume_unique=True)
+    key = start * size + end
+    left = inner[np.minimum(np.searchsorted(inner, key), len(inner) - 1)] == key
     crossed = ~(left | left[twin])
     count = int(cell.max()) + 2
     region = connected_groups_kernel(cell[crossed] + 1, cell[twin][crossed] + 1, count)
@@ -217,9 +224,10 @@ def cells_between(nodes: NDArray[np.float64], start: Integers, end: Integers, ow
     covered[0] = False
     number = np.where(covered, np.cumsum(covered) - 1, OUTSIDE)
     cell = number[cell + 1]
-    stays = cell != cell[twin]
+    stays = halves[(cell != cell[twin])[halves]]  # ring by ring, the outside last
+    stays = stays[np.argsort(cell[stays] == OUTSIDE, kind="stable")]
     places = np.round(nodes * COORDINATE_STEP, 6)
-    return Coverage(*compact_kernel(places, start[stays], end[stays], cell[stays])) if stays.any() else None
+    return Coverage(*compact_kernel(places, start[stays], end[stays], cell[stays])) if len(stays) else None
 
 
 def next_clockwise(nodes: NDArray[np.float64], start: Integers, end: Integers) -> Integers:
