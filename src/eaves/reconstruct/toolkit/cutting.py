@@ -57,12 +57,13 @@ def knot(
     met, piece = meetings(np.vstack([outline, lines]))
     on_outline = piece < len(outline)
     corners = each_once(outline[:, :2])
-    others = np.vstack([met[on_outline], met[~on_outline], np.round(lines.reshape(-1, 2))])
+    inside = np.vstack([met[~on_outline], np.round(lines.reshape(-1, 2))])
+    others = np.vstack([met[on_outline], each_once(inside)])
     near = NARROWEST_NECK / COORDINATE_STEP
     nodes, count = one_place_each(corners, others, near)
     _, start, end = pieces_through(nodes, outline, ROUNDED)
     _, start_of_line, end_of_line = pieces_through(nodes[:count], lines, near)
-    own = np.repeat([True, False], [len(start), len(start_of_line)])
+    own = np.arange(len(start) + len(start_of_line)) < len(start)
     start, end = np.append(start, start_of_line), np.append(end, end_of_line)
     for _ in range(MOST_ROUNDS):
         pieces = np.hstack([nodes[start], nodes[end]])
