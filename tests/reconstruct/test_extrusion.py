@@ -9,7 +9,8 @@ import shapely
 from eaves.model import Face, Solid
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct.toolkit.attributes import measure_volume
-from eaves.reconstruct.toolkit.coverage import Coverage, arrange
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.extrude import extrude, split_crossings
 from eaves.reconstruct.toolkit.simplification import SHORTEST_BORDER
 from eaves.reconstruct.toolkit.soundness import find_defect, fold_defect, on_own_plane

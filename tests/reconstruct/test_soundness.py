@@ -7,7 +7,7 @@ import numpy as np
 from eaves.geometry.tolerance import PLANARITY
 from eaves.model import Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
-from eaves.reconstruct.toolkit.coverage import arrange
+from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.soundness import (
     FLATTEST_SHARE,
     fold_defect,

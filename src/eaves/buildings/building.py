@@ -10,7 +10,18 @@ from scipy.spatial import cKDTree
 
 from eaves.buildings.gather import cells_of, is_seen_beside
 from eaves.geometry.tolerance import PLANARITY, SNAP
-from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster, RoofPlane
+from eaves.model import (
+    Block,
+    Boundary,
+    Bounds,
+    BuildingModel,
+    Failure,
+    Finding,
+    Footprint,
+    Points,
+    Raster,
+    RoofPlane,
+)
 from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
@@ -218,8 +229,9 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         whole = polygon if building.block is None else building.block.polygon
         rim = shapely.get_coordinates(shapely.segmentize(polygon, CELL))
         rim = rim[shapely.distance(shapely.points(rim), whole.boundary) <= 0.5 * CELL]
-        shapely.prepare(whole)
         ground = cells_of(building.ground_seen)
+        ground = ground[Bounds(*polygon.bounds).buffered(FAR_M + CELL).contains(ground)]
+        shapely.prepare(whole)
         ground = ground[~shapely.contains_xy(whole, ground)]
         away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)
         facts["hidden_share"] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0

@@ -194,6 +194,7 @@ def cells_of(seen: Raster) -> Points:
 def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
     """Whether ground was seen beside an outline and within `MARGIN` of it, off the cells that it touches."""
     xy = cells_of(seen)
+    xy = xy[Bounds(*polygon.bounds).buffered(MARGIN).contains(xy)]
     wide, narrow = polygon.buffer(MARGIN), polygon.buffer(np.sqrt(2.0) * seen.cell)
     shapely.prepare([wide, narrow])
     xy = xy[~shapely.intersects_xy(narrow, *xy.T)]

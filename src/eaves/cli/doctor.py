@@ -14,7 +14,7 @@ from pathlib import Path
 from eaves.cli.first_run import compiled_pieces
 from eaves.kernels import library
 
-LIBRARIES = ("numpy", "scipy", "numba", "laspy", "lazrs", "shapely", "pyproj", "rasterio", "pyogrio", "pgeof")
+LIBRARIES = ("numpy", "scipy", "numba", "laspy", "lazrs", "shapely", "pyproj", "rasterio", "pyogrio")
 EXTRAS = {
     "plots": "matplotlib",
     "notebook": "geopandas",

@@ -41,7 +41,7 @@ def points_in_polygons(
         edges = slice(first[polygon[number]], first[polygon[number] + 1])
         sure[number] = is_inside(x[point[number]], y[point[number]], start[edges], end[edges])
     point, polygon = order[point[sure]], polygon[sure]
-    order = np.lexsort((polygon, point))
+    order = np.argsort(point * count + polygon)
     return point[order], polygon[order]
 
 

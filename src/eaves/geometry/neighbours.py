@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.kernels import kernel
-from eaves.model import Points
+from eaves.model import Integers, Points, Values
 
 POINTS_PER_CELL = 8
 """Mean number of points in a cell that is occupied: of mean 8, one Poisson cell in 3,000 is empty."""
@@ -13,6 +13,71 @@ FINEST_M = 0.5
 """Side of the first cells that are tried; a power of two, so that counting is exact at every width."""
 TABLE_CELLS = 64
 """Cells are counted in a table of no more cells for each point; points farther apart are rare, and sorted."""
+
+
+SPACINGS_PER_CELL = 2.0
+"""Side of the cells, in spacings, in which the nearest points are looked for: four points in each."""
+
+
+def nearest(queries: Points, xyz: Points, count: int) -> tuple[Integers, Values]:
+    """The `count` nearest (M, K) of points (N, 3) to queries (M, 3), nearest first, K = min(count, N), and
+    their distances (M, K)."""
+    side = SPACINGS_PER_CELL * measure_spacing(xyz)
+    found, squares = nearest_kernel(queries, xyz, side, min(count, len(xyz)))
+    return found, np.sqrt(squares)
+
+
+@kernel
+def nearest_kernel(queries: Points, xyz: Points, side: float, count: int) -> tuple[Integers, Values]:
+    """The numbers (M, count) and squared distances (M, count) of the points nearest to queries (M, 3).
+
+    Points (N, 3), N ≥ `count`, are looked up by cells of plan of a `side` (m), ring by ring around the cell
+    of the query, until what is left is farther than those found; of equals the first in the table is first.
+    """
+    west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(xyz)):
+        west, east = min(west, xyz[i, 0]), max(east, xyz[i, 0])
+        south, north = min(south, xyz[i, 1]), max(north, xyz[i, 1])
+    while ((east - west) / side + 1.0) * ((north - south) / side + 1.0) > TABLE_CELLS * len(xyz):
+        side *= 2.0
+    columns, rows = int((east - west) / side) + 1, int((north - south) / side) + 1
+    cell, first = np.empty(len(xyz), np.int64), np.zeros(columns * rows + 1, np.int64)
+    for i in range(len(xyz)):
+        cell[i] = int((xyz[i, 1] - south) / side) * columns + int((xyz[i, 0] - west) / side)
+        first[cell[i] + 1] += 1
+    for number in range(columns * rows):
+        first[number + 1] += first[number]
+    last, order, table = first[:-1].copy(), np.empty(len(xyz), np.int64), np.empty((len(xyz), 3))
+    for i in range(len(xyz)):
+        place = last[cell[i]]
+        order[place], last[cell[i]] = i, place + 1
+        table[place, 0], table[place, 1], table[place, 2] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+    found, squares = np.empty((len(queries), count), np.int64), np.full((len(queries), count), np.inf)
+    for query in range(len(queries) if count else 0):
+        x, y, z = queries[query, 0], queries[query, 1], queries[query, 2]
+        own_column, own_row = int(np.floor((x - west) / side)), int(np.floor((y - south) / side))
+        inward = min(x - west - own_column * side, y - south - own_row * side)
+        inward = min(inward, side - (x - west - own_column * side), side - (y - south - own_row * side))
+        near, numbers, ring, farthest = squares[query], found[query], 0, np.inf
+        while farthest > max((ring - 1) * side + inward, 0.0) ** 2 or ring == 0:
+            for row in range(max(own_row - ring, 0), min(own_row + ring, rows - 1) + 1):
+                step = 1 if abs(row - own_row) == ring else 2 * ring
+                for column in range(own_column - ring, own_column + ring + 1, step):
+                    if column < 0 or column >= columns:
+                        continue
+                    for place in range(first[row * columns + column], first[row * columns + column + 1]):
+                        dx, dy, dz = table[place, 0] - x, table[place, 1] - y, table[place, 2] - z
+                        square = dx * dx + dy * dy + dz * dz
+                        if square >= farthest:
+                            continue
+                        slot = count - 1
+                        while slot > 0 and near[slot - 1] > square:
+                            near[slot], numbers[slot] = near[slot - 1], numbers[slot - 1]
+                            slot -= 1
+                        near[slot], numbers[slot] = square, order[place]
+                        farthest = near[count - 1]
+            ring += 1
+    return found, squares
 
 
 def measure_spacing(xyz: Points) -> float:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pgeof
-from scipy.spatial import cKDTree
 
+from eaves.geometry.neighbours import nearest
 from eaves.geometry.percentiles import median, quantile
 from eaves.kernels import kernel
 from eaves.model import Integers, Points, Values
@@ -23,9 +22,6 @@ CALM_QUANTILE = (0.12, -1.175)
 
 MIN_NOISE, MAX_NOISE = 0.012, 0.15
 """Noise (m): no roof is flatter than the first; what scatters more than the second is a crown, not a roof."""
-
-FEW_QUERIES = 1500
-"""Fewer neighbour searches are faster in one thread than starting several."""
 
 
 @kernel
@@ -172,42 +168,22 @@ class LocalPlanes:
 
 def local_planes(xyz: Points, count: int, most: int) -> LocalPlanes:
     """The planes of the `count` nearest neighbours of points (N, 3), N ≥ 3; up to `most` where on a line."""
-    return planes_around(xyz, *nearest(xyz, xyz, max(most, count)), count)
+    return planes_around(xyz, xyz, count, most)
 
 
-def planes_around(xyz: Points, neighbours: Integers, farthest: Values, count: int) -> LocalPlanes:
-    """The planes through M points' `count` nearest of points (N, 3), N ≥ 3; see `local_planes`.
-
-    `neighbours` (M, K) are the most that are looked at, `farthest` (M,) the distance (m) of the last.
-    """
+def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalPlanes:
+    """The planes through the `count` of points (N, 3), N ≥ 3, nearest to M queries; see `local_planes`."""
+    neighbours, distances = nearest(queries, xyz, max(most, count))
     most = neighbours.shape[1]
     normals, eigenvalues = np.zeros((len(neighbours), 3)), np.zeros((len(neighbours), 3))
     counts = np.zeros(len(neighbours), np.int64)
-    known = (xyz, np.ascontiguousarray(neighbours), min(count, most))
+    known = (xyz, neighbours, min(count, most))
     local_planes_kernel(*known, LINE_RATIO, normals, eigenvalues, counts)
     total = eigenvalues.sum(axis=1)
     curvature = eigenvalues[:, 0] / np.where(total > 0.0, total, 1.0)  # [xiao2014], eq. 3
-    spacing = float(median(farthest) * np.sqrt(np.pi / most))
+    spacing = float(median(distances[:, -1]) * np.sqrt(np.pi / most))
     noise = measure_noise(eigenvalues[:, 0], counts)
     return LocalPlanes(neighbours, counts, normals, eigenvalues, curvature, noise, max(spacing, 1e-3))
-
-
-def nearest(queries: Points, xyz: Points, count: int) -> tuple[Integers, Values]:
-    """The `count` nearest (M, K) of points (N, 3) to queries (M, 3), K = min(count, N); the distance (M,) of
-    the last."""
-    count = min(count, len(xyz))
-    if len(queries) < FEW_QUERIES:
-        distances, found = all_nearest(queries, xyz, count)
-        return found, distances[:, -1]
-    among = np.ascontiguousarray(xyz, np.float32)
-    near, squares = pgeof.knn_search(among, np.ascontiguousarray(queries, np.float32), count)
-    return near.astype(np.int64), np.sqrt(squares[:, -1].astype(np.float64))
-
-
-def all_nearest(queries: Points, xyz: Points, count: int) -> tuple[Values, Integers]:
-    """Distances (M, count) and numbers (M, count) of the nearest of points (N, 3) to a few queries (M, 3)."""
-    distances, found = cKDTree(xyz, balanced_tree=False).query(queries, k=[*range(1, count + 1)])
-    return np.asarray(distances, np.float64), np.ascontiguousarray(found, np.int64)
 
 
 def measure_noise(

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.rings import area_vector, polygons_of
@@ -64,11 +63,25 @@ def roof_point_mask(xyz: Points) -> Mask:
     """
     if len(xyz) == 0:
         return np.zeros(0, bool)
-    highest = xyz[:, 2].copy()
-    pairs = cKDTree(xyz[:, :2]).query_pairs(NEAR, output_type="ndarray")
-    np.maximum.at(highest, pairs[:, 0], xyz[pairs[:, 1], 2])
-    np.maximum.at(highest, pairs[:, 1], xyz[pairs[:, 0], 2])
-    return np.asarray(highest - xyz[:, 2] <= DROP)
+    order = np.argsort(xyz[:, 0])
+    mask = np.empty(len(xyz), bool)
+    mask[order] = uncovered_kernel(xyz[order])
+    return mask
+
+
+@kernel
+def uncovered_kernel(xyz: Points) -> Mask:
+    """The mask (N,) as `roof_point_mask` says, of points (N, 3) from west to east."""
+    seen = np.ones(len(xyz), np.bool_)
+    for one in range(len(xyz)):
+        for other in range(one + 1, len(xyz)):
+            east = xyz[other, 0] - xyz[one, 0]
+            if east > NEAR:
+                break
+            rise = xyz[other, 2] - xyz[one, 2]
+            if abs(rise) > DROP and east**2 + (xyz[other, 1] - xyz[one, 1]) ** 2 <= NEAR**2:
+                seen[one if rise > 0.0 else other] = False
+    return seen
 
 
 def collect_faces(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> RoofFaces:

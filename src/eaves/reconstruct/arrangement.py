@@ -17,7 +17,8 @@ from eaves.reconstruct.toolkit.attributes import (
 )
 from eaves.reconstruct.toolkit.cell_labels import LARGEST, cell_costs, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
-from eaves.reconstruct.toolkit.coverage import Coverage, arrange
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import (
     LOWEST_ROOF,
     faces_as_planes,
@@ -163,7 +164,10 @@ class Arrangement(ObjectLimits):
         known = (plan, chosen, coefficients, ground)
         fine = extrude_plan(*known, self.smallest)
         solids = coarse_solids(plan, roof, ground, self.level_jump, self.smallest, located)
-        near = {lod: share_near(parts, roof) for lod, parts in solids.items()}
+        near: dict[str, float] = {}
+        for lod, parts in solids.items():
+            alike = lod != "1.2" and parts is solids.get("1.2")
+            near[lod] = near["1.2"] if alike else share_near(parts, roof)
         if planes and plan.count > 1:
             smallest = min(self.simple_smallest, self.simple_share * float(plan.area.sum()))
             simple = without_numbers(extrude_plan(*known, smallest).solids)

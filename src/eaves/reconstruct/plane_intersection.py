@@ -11,7 +11,8 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import describe_roof
-from eaves.reconstruct.toolkit.coverage import Coverage, arrange
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
     seen_roof,

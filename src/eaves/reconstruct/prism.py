@@ -10,7 +10,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import describe_roof
-from eaves.reconstruct.toolkit.coverage import arrange
+from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import (
     LOWEST_ROOF,
     PRISM_PERCENTILE,

@@ -7,16 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from eaves.geometry.planes import (
-    CALM_QUANTILE,
-    FEW_QUERIES,
-    LocalPlanes,
-    all_nearest,
-    local_planes,
-    measure_noise,
-    nearest,
-    planes_around,
-)
+from eaves.geometry.planes import CALM_QUANTILE, LocalPlanes, local_planes, measure_noise, planes_around
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane
 from eaves.roof.stage import RoofMethod
@@ -173,25 +164,14 @@ class RegionGrowing(RoofMethod):
     def surroundings(self, points: Points) -> LocalPlanes:
         """The local planes of points (N, 3), with the number of neighbours that noise and spacing ask for."""
         step, few = max(1, len(points) // self.noise_sample), self.fewest_neighbours + self.line_neighbours
-        near = None
-        if len(points) < FEW_QUERIES:  # one search serves both, as long as the fewest neighbours do
-            distances, near = all_nearest(points, points, min(few, len(points)))
-            sample = near[::step], distances[::step, -1]
-        else:
-            sample = nearest(points[::step], points, few)
-        around = planes_around(points, *sample, self.fewest_neighbours)
+        around = planes_around(np.ascontiguousarray(points[::step]), points, self.fewest_neighbours, few)
         calm = measure_noise(around.eigenvalues[:, 0], around.counts, CALM_QUANTILE)
         noise = min(around.noise, self.calm_share * calm)
         count = self.neighbours
         if count is None:
             wished = 2.0 * np.sqrt(np.pi) * noise / (around.spacing * np.radians(self.normal_error))
             count = int(np.clip(np.ceil(wished), self.fewest_neighbours, self.most_neighbours))
-        wanted = count + self.line_neighbours
-        if near is not None and wanted <= few:
-            near, distances = near[:, :wanted], distances[:, :wanted]
-            local = planes_around(points, np.ascontiguousarray(near), distances[:, -1], count)
-        else:
-            local = local_planes(points, count, wanted)
+        local = local_planes(points, count, count + self.line_neighbours)
         return replace(local, noise=min(local.noise, self.calm_share * calm))
 
     def smooth_points(self, local: LocalPlanes) -> Mask:

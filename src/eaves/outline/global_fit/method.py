@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +12,7 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon, signed_area
+from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Mask, Points, Values
 from eaves.outline.global_fit import circle as circles
@@ -256,14 +256,10 @@ class GlobalFit(LowPartRules, OutlineMethod):
         height = boundary.points[tree.query(ring)[1], 2]
         reach = max(self.beside * boundary.spacing, self.least_beside)
         high = boundary.others[boundary.others[:, 2] > height.min() + self.over]
-        hidden = np.zeros(len(ring), np.bool_)
-        if len(high):
-            near = cKDTree(high[:, :2]).query_ball_point(ring, 2.0 * reach, return_sorted=False)
-            place = np.repeat(np.arange(len(ring)), [len(one) for one in near])
-            over = high[np.fromiter(chain.from_iterable(near), np.int64, len(place)), 2]
-            hidden[place[over > height[place] + self.over]] = True
-        if boundary.ground is not None and len(boundary.ground):
-            hidden &= cKDTree(boundary.ground).query(ring)[0] > reach
+        high = high[np.argsort(high[:, 0])]
+        hidden: Mask = overtopped_kernel(ring, height + self.over, high, 2.0 * reach)
+        if boundary.ground is not None and len(boundary.ground) and hidden.any():
+            hidden[hidden] = cKDTree(boundary.ground).query(ring[hidden])[0] > reach
         return hidden
 
     def cheapest_edges(self, ring: NDArray[np.float64], sigma: float, weight: Values) -> OutlineEdges | None:
@@ -385,3 +381,18 @@ class GlobalFit(LowPartRules, OutlineMethod):
         if count < MIN_POINTS:
             return 0.0
         return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
+
+
+@kernel
+def overtopped_kernel(ring: NDArray[np.float64], height: Values, high: Points, reach: float) -> Mask:
+    """Which places (M,) of a ring (M, 2) have one of the points (N, 3), which ascend by x, over their
+    `height` (M,; m) and within the `reach` (m) of them in plan."""
+    found = np.zeros(len(ring), np.bool_)
+    for place in range(len(ring)):
+        x, y = ring[place, 0], ring[place, 1]
+        for one in range(np.searchsorted(high[:, 0], x - reach), len(high)):
+            if high[one, 0] > x + reach or found[place]:
+                break
+            near = (high[one, 0] - x) ** 2 + (high[one, 1] - y) ** 2 <= reach * reach
+            found[place] = near and high[one, 2] > height[place]
+    return found

@@ -13,7 +13,7 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Solid
 from eaves.reconstruct.moments.building import ParametricBuilding, squared_up
 from eaves.reconstruct.moments.parts import RoofPart, lowest, main_planes
-from eaves.reconstruct.toolkit.coverage import arrange
+from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.extrude import extrude
 from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT
 from eaves.reconstruct.toolkit.soundness import find_defect

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from eaves.kernels import kernel
+from eaves.geometry.components import members
+from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Labels, Points, Values
 from eaves.reconstruct.toolkit.coverage import Coverage
@@ -59,8 +60,8 @@ def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) 
     return labels
 
 
-@kernel
-def border_kernel(borders: Borders, edge: int, one: int, other: int) -> float:
+@inlined_kernel
+def border_kernel(borders: Borders, edge: int, one: int, other: int) -> Any:
     """The cost of an edge between two labels."""
     if one == other or other == OUTSIDE:
         return 0.0
@@ -99,6 +100,8 @@ def settle_kernel(
         stamp[node] = turn
         length = rim_kernel(borders.edges, around, first, group, 1, stamp, rim)
         for place in range(start[node], start[node + 1]):
+            if data[node, may[place]] >= least:  # the call alone would take longer than what it finds
+                continue
             cost = cost_kernel(data, borders, labels, group, 1, rim, length, may[place], least)
             if cost < least:
                 least, best = cost, may[place]
@@ -144,8 +147,8 @@ def settle_kernel(
                 least, best = cost_kernel(*args, own, np.inf) + whole - LEAST_GAIN, own
                 for place in range(start[seed], start[seed + 1]):
                     label = may[place]
-                    if label != own:
-                        price = label_cost if uses[label] == 0 else 0.0
+                    price = label_cost if uses[label] == 0 else 0.0
+                    if label != own and data[seed, label] < least - price:
                         cost = price + cost_kernel(*args, label, least - price)
                         if cost < least:
                             least, best = cost, label
@@ -286,8 +289,9 @@ def plane_reach(
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """
     box = np.full((len(planes), 4), np.inf)
-    np.minimum.at(box[:, :2], labels[labels >= 0], roof[labels >= 0, :2])
-    np.minimum.at(box[:, 2:], labels[labels >= 0], -roof[labels >= 0, :2])
+    for number, own in enumerate(members(labels, len(planes))):
+        if len(own):
+            box[number] = np.hstack([roof[own, :2].min(axis=0), -roof[own, :2].max(axis=0)])
     box = (box - farthest) * np.array([1.0, 1.0, -1.0, -1.0])
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
     return PlaneReach(roof, planes, spacing, box, ground + LOWEST_ROOF)

@@ -8,16 +8,12 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from shapely import Polygon
-from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Points, Values
 from eaves.reconstruct.toolkit.half_edges import (
-    MOST_ROUNDS,
     OUTSIDE,
     Integers,
     follow_kernel,
@@ -221,44 +217,6 @@ SMALLEST_PART = 0.1
 """Parts of a footprint, and cells between a wall and a border of the roof, that are smaller (m²) are none."""
 
 
-def arrange(
-    polygon: Polygon, segments: NDArray[np.float64], grid: float = COORDINATE_STEP
-) -> Coverage | None:
-    """The cells that segments (S, 4: x, y, x, y) cut a polygon into, nodes on the grid (m).
-
-    Ends that hang free cut nothing. Necks and gaps narrower than `NARROWEST_NECK` are parted and filled
-    first, and places where segments meet, that near to each other, are one. None when the polygon has no
-    area on the grid.
-    """
-    whole = without_necks(shapely.set_precision(polygon, grid), grid)
-    if whole.is_empty:
-        return None
-    if len(segments) == 0:
-        return coverage_of(shapely.get_parts(whole), grid)
-    corners = shapely.get_coordinates(whole)
-    net = shapely.union_all(np.append(through_corners(segments, corners), whole.boundary), grid_size=grid)
-    places = meeting_places(corners, shapely.get_coordinates(net))
-    net = shapely.union_all(np.append(through_corners(segments, places), whole.boundary), grid_size=grid)
-    cells = shapely.get_parts(shapely.polygonize([net]))
-    if len(cells) == 0:
-        return None
-    shapely.prepare(whole)
-    inside = shapely.contains_properly(whole, shapely.point_on_surface(cells))
-    return coverage_of(cells[inside], grid) if inside.any() else None
-
-
-def meeting_places(corners: NDArray[np.float64], nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One place for those of the nodes (K, 2) that nearly touch: a corner of the outline, else one of them.
-
-    Four planes that meet in a point, or a ridge that runs into another of its height, meet a few millimetres
-    apart once each pair is intersected for itself.
-    """
-    places = np.vstack([corners, np.unique(nodes, axis=0)])
-    pairs = cKDTree(places).query_pairs(NARROWEST_NECK, output_type="ndarray")
-    group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
-    return places[np.unique(group, return_index=True)[1]]
-
-
 def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.object_]:
     """The segments (S, 4) as lines that bend through the corners (K, 2) they would nearly touch, or
     end there."""
@@ -294,26 +252,3 @@ def cut_polygons(
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
     cell, owner = shapely.STRtree(polygons).query(shapely.point_on_surface(cells), predicate="within")
     return cells[cell], owner
-
-
-def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:
-    """The polygonal shape, parted at necks and with clefts filled where they are too narrow to be built.
-
-    A shape that is nowhere so narrow comes back as it is.
-    """
-    if shapely.minimum_clearance(polygon) < NARROWEST_NECK:
-        reach = 0.5 * NARROWEST_NECK
-        for distance in (reach, -2.0 * reach, reach):
-            polygon = shapely.buffer(polygon, distance, join_style="mitre", mitre_limit=3.0)
-        polygon = shapely.set_precision(polygon, grid)
-    for _ in range(MOST_ROUNDS):
-        if shapely.minimum_clearance(polygon) >= 0.5 * NARROWEST_NECK:
-            break
-        neck = shapely.buffer(shapely.minimum_clearance_line(polygon), NARROWEST_NECK, cap_style="square")
-        polygon = shapely.set_precision(shapely.difference(polygon, neck), grid)
-    parts = [
-        part
-        for part in shapely.get_parts(polygon)
-        if part.geom_type == "Polygon" and part.area > SMALLEST_PART
-    ]
-    return shapely.MultiPolygon(parts)

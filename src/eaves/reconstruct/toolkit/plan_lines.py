@@ -103,12 +103,14 @@ def border_places(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Pairs of planes (M, 2) whose points are neighbours in a triangulation; the places between (M, 2)."""
     known, mark = points[labels >= 0], labels[labels >= 0].astype(np.int64)
-    simplices = Tin(known[:, :2]).triangles
-    ends = np.sort(np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]]), axis=1)
-    ends = np.unique(ends[mark[ends[:, 0]] != mark[ends[:, 1]]], axis=0)
-    places = 0.5 * (known[ends[:, 0], :2] + known[ends[:, 1], :2])
+    corners = Tin(known[:, :2]).triangles
+    one, other = corners.ravel().astype(np.int64), np.roll(corners, -1, axis=1).ravel().astype(np.int64)
+    apart = mark[one] != mark[other]
+    key = np.unique(np.minimum(one, other)[apart] * len(known) + np.maximum(one, other)[apart])
+    one, other = key // max(len(known), 1), key % max(len(known), 1)
+    places = 0.5 * (known[one, :2] + known[other, :2])
     inside = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
-    return np.sort(mark[ends[inside]], axis=1), places[inside]
+    return np.sort(np.column_stack([mark[one], mark[other]])[inside], axis=1), places[inside]
 
 
 @lru_cache(maxsize=4)

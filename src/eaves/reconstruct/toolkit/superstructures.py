@@ -18,7 +18,7 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import parameter
-from eaves.model import Installation, Mask, Points, Solid, Values
+from eaves.model import Bounds, Installation, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, NEAR_M, Surface, surface_heights
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
@@ -186,11 +186,10 @@ def find_leaf_towers(
     high = np.bincount(group[own], length * rim * np.where(step > limits.level_jump, 1.0, -1.0), count) > 0.0
     small = np.bincount(group, plan.area, count) < limits.tower_largest
     towers = np.zeros(plan.count, bool)
-    found = np.flatnonzero(small & high).tolist()
-    places = shapely.points(points[:, :2]) if found else points
-    for one in found:
+    for one in np.flatnonzero(small & high).tolist():
         body = shapely.union_all(plan.polygons()[group == one])
-        some = points[shapely.dwithin(body, places, spacing)]
+        some = points[Bounds(*body.bounds).buffered(2.0 * spacing).contains(points)]
+        some = some[shapely.dwithin(body, shapely.points(some[:, :2]), spacing)]
         on_top = lie_on(some, planes[labels[group == one]])
         strewn = ~on_top & ~lie_on(some, planes[labels[other[rim & (group[own] == one)]]])
         towers |= (group == one) & (on_top.sum() < LEAST_SHOWN * (on_top | strewn).sum())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from eaves.kernels import kernel
 from eaves.model import Labels, Points
@@ -126,15 +125,27 @@ def worth_kernel(
 
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:
     """Which of K regions come about as near as `gap` (m) in plan (K, K): cells that wide touch."""
-    near = np.zeros((count, count), bool)
-    place = np.floor(xyz[labels > 0, :2] / gap).astype(np.int64)
-    place -= place.min(axis=0, initial=0)
-    wide = place.max(initial=0) + 1
-    number = np.unique((place[:, 0] * wide + place[:, 1]) * count + labels[labels > 0] - 1)
-    cells = np.column_stack([number // count // wide, number // count % wide, number % count])
-    if len(cells):
-        pairs = cKDTree(cells[:, :2]).query_pairs(1.0, p=np.inf, output_type="ndarray")
-        one, other = cells[pairs, 2].T
-        near[one, other] = near[other, one] = True
-        np.fill_diagonal(near, False)
+    known = labels > 0
+    place = np.floor(xyz[known, :2] / gap).astype(np.int64)
+    place -= place.min(axis=0, initial=0) - 1
+    wide = int(place.max(initial=0)) + 2
+    number = np.unique((place[:, 0] * wide + place[:, 1]) * count + labels[known] - 1)
+    near: NDArray[np.bool_] = beside_kernel(number, wide, count)
+    return near
+
+
+@kernel
+def beside_kernel(number: NDArray[np.int64], wide: int, count: int) -> NDArray[np.bool_]:
+    """Which of `count` labels (K, K) lie in one cell or in cells that touch. Each `number` (M,), ascending,
+    is that of a cell, `wide` to a column, times `count`, and a label in it."""
+    near = np.zeros((count, count), np.bool_)
+    for one in number:
+        cell, label = one // count, one % count
+        for step in (0, 1, wide - 1, wide, wide + 1):
+            for place in range(np.searchsorted(number, (cell + step) * count), len(number)):
+                if number[place] // count != cell + step:
+                    break
+                other = number[place] % count
+                if other != label:
+                    near[label, other] = near[other, label] = True
     return near

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from eaves.geometry.planes import nearest
+from eaves.geometry.neighbours import nearest
 from eaves.model import Mask, Points
 
 NEIGHBOURS = 8
@@ -25,7 +25,9 @@ def crown_points(points: Points, not_last: Mask | None) -> Mask:
     stays. Without echoes nothing is a crown.
     """
     crown = np.zeros(len(points), bool)
-    if not_last is None or not not_last.any() or len(points) < NEIGHBOURS:
+    if not_last is None or 2 * not_last.sum() <= NEIGHBOURS or len(points) < NEIGHBOURS:
+        return crown
+    if np.ptp(points[:, 2]) <= HIGH:
         return crown
     around, _ = nearest(points, points, NEIGHBOURS)
     split = not_last[around].mean(axis=1) > 0.5

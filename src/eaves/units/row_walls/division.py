@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
+from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.outline.toolkit.shared_edges import welded_outlines
@@ -114,14 +115,15 @@ def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int
     numbers = label[row, column] - 1
     x = plan.west + (column + 0.5) * CELL_M
     y = plan.south + (row + 0.5) * CELL_M
-    tree = shapely.STRtree(shapely.points(x, y))
     owner = [-1] * len(pieces)
-    piece, cell = tree.query(pieces, predicate="contains")
+    cell, piece = points_in_polygons(
+        np.column_stack([x, y]), *edges_of(np.array(pieces, object)), len(pieces)
+    )
+    votes = np.bincount(piece * count + numbers[cell], minlength=len(pieces) * count).reshape(-1, count)
     for k in range(len(pieces)):
-        votes = np.bincount(numbers[cell[piece == k]], minlength=count)
-        area = CELL_M**2 * votes.max(initial=0)
+        area = CELL_M**2 * votes[k].max(initial=0)
         if area > max(0.25 * pieces[k].area, 0.5):
-            owner[k] = int(np.argmax(votes))
+            owner[k] = int(np.argmax(votes[k]))
     changed = True
     while changed:
         changed = False
