@@ -90,12 +90,12 @@ class Bounds:
 def extremes(xyz: NDArray[Scalar]) -> tuple[NDArray[Scalar], NDArray[Scalar]]:
     """The lowest and the highest value (C,) of each column of an array (N, C), N > 0."""
     low, high = xyz[0].copy(), xyz[0].copy()
-    extremes_kernel(xyz, low, high)
+    widen_kernel(xyz, low, high)
     return low, high
 
 
 @kernel
-def extremes_kernel(xyz: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> None:
+def widen_kernel(xyz: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> None:
     """Widen `low` and `high` (C,) to the values (N, C) of their columns; one that is no number stays."""
     for i in range(len(xyz)):
         for k in range(xyz.shape[1]):
