@@ -33,7 +33,7 @@ def points_in_polygons(
     `points` are (N, 2 or 3), the edges of `count` polygons go from `start` to `end` (E, 2), all of a polygon
     together: `owner` (E,) ascends.
     """
-    order = np.argsort(points[:, 1], kind="stable")
+    order = np.argsort(points[:, 1])
     first = np.searchsorted(owner, np.arange(count + 1))
     x, y = points[order, 0], points[order, 1]
     point, polygon, sure = inside_kernel(x, y, start, end, first)
