@@ -24,6 +24,7 @@ import laspy
 import numpy as np
 
 from benchmarks.table import keep
+from eaves.model import BLOCK_SIDE
 from eaves.pipeline import build
 from eaves.run.options import RunOptions
 from eaves.simulate import scan_town, simulate_town, write_simulation
@@ -174,7 +175,7 @@ def main() -> None:
                 rows.append(
                     {
                         "data": data_name,
-                        "block m": options.block,
+                        "block m": options.get("block", BLOCK_SIDE),
                         "way": name,
                         "s": round(seconds, 1),
                         "buildings": found,
