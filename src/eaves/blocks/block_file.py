@@ -128,10 +128,11 @@ def save_block(store: Store, result: BlockResult, places: Places, read: str, tak
     """Keep what the block pass found in one block, of points from such places, of files and inputs with
     keys."""
     ends = np.cumsum([len(records) for records in store.map_points(result.block)])
-    file = np.searchsorted(ends, places.within(result.block), "right")
-    kind = np.min_scalar_type(len(ends))
-    file = file[:0] if len(ends) == 1 else file
-    store.save(BLOCKS, result.block, block_arrays(result) | {"from_file": file.astype(kind)}, read, taken)
+    file: NDArray[Any] = np.zeros(0, np.uint8)
+    if len(ends) > 1:
+        file = np.searchsorted(ends, places.within(result.block), "right")
+        file = file.astype(np.min_scalar_type(len(ends)))
+    store.save(BLOCKS, result.block, block_arrays(result) | {"from_file": file}, read, taken)
 
 
 def open_block(store: Store, block: Block) -> BlockFile:

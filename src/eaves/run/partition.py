@@ -178,22 +178,20 @@ def partition_slice(
     writer = SliceWriter(store, part.name)
     read, seen, unread = 0, None, None
     try:
-        source = part.opened()
-        # all points but a COPC file's are decompressed anyway: those outside tell whether the header lies
-        bounds = window.bounds if source.kind == "copc" else None
-        copy = writer.copy() if copied and source.kind in ("laz", "copc") and bounds is None else None
-        for chunk in iter_chunks(source, bounds, part=(part.k, part.n), copy=copy):
-            seen = Bounds.of(chunk.xyz) if seen is None else seen.union(Bounds.of(chunk.xyz))
-            partition_chunk(chunk, part.first, side, window, writer)
-            read += len(chunk)
-            progress(len(chunk))
-        refuse_change(part.path, part.mark)
-    except InputError as error:
-        unread = str(error)
-    except BaseException:
-        writer.discard()
-        raise
-    try:
+        try:
+            source = part.opened()
+            # all points but a COPC file's are decompressed anyway: those outside tell whether the header lies
+            bounds = window.bounds if source.kind == "copc" else None
+            copy = writer.copy() if copied and source.kind in ("laz", "copc") and bounds is None else None
+            for chunk in iter_chunks(source, bounds, part=(part.k, part.n), copy=copy):
+                box = Bounds.of(chunk.xyz)
+                seen = box if seen is None else seen.union(box)
+                partition_chunk(chunk, part.first, side, window, writer)
+                read += len(chunk)
+                progress(len(chunk))
+            refuse_change(part.path, part.mark)
+        except InputError as error:
+            unread = str(error)
         written = writer.finish(unread is None)
     except BaseException:
         writer.discard()
