@@ -14,6 +14,7 @@ import pytest
 import shapely
 
 import eaves
+from eaves import IncompleteRunError
 from eaves.formats import write_cityjson
 from eaves.report.build import build
 from eaves.simulate.objects.roofs import ExactScene
@@ -91,8 +92,10 @@ def test_resume_does_not_compute_what_is_done(
     monkeypatch.undo()
     monkeypatch.setattr(block, "block_pass", lambda *args: 1 / 0)
     assert pipeline.build(nine_roofs_file, tmp_path, resume=True).complete
-    summary = pipeline.build(nine_roofs_file, tmp_path)
-    assert not summary.complete
+    with pytest.raises(IncompleteRunError, match=r"ZeroDivisionError.*allow_failures=True") as raised:
+        pipeline.build(nine_roofs_file, tmp_path)
+    assert not raised.value.results.complete
+    summary = pipeline.build(nine_roofs_file, tmp_path, allow_failures=True)
     assert "ZeroDivisionError" in summary.failed[0]
 
 

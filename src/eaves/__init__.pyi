@@ -32,6 +32,7 @@ from .model import Regions as Regions
 from .model import RoofPlane as RoofPlane
 from .model import Scene as Scene
 from .model import Solid as Solid
+from .model.summary import IncompleteRunError as IncompleteRunError
 from .model.summary import Summary as Summary
 from .outline import OutlineMethod as OutlineMethod
 from .outline import regularise_outlines as regularise_outlines

@@ -27,7 +27,7 @@ from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.formats.atomic import DiskFullError, report_full_disk
 from eaves.model import Block, BuildingModel, CoordinateSystem, Failure
 from eaves.model.provenance import Provenance
-from eaves.model.summary import Summary
+from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
@@ -47,6 +47,7 @@ def build(
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
     sink: PointSink | None = None,
+    allow_failures: bool = False,
     **options: Unpack[RunOptions],
 ) -> Summary:
     """Footprints, models, rasters and classified points of all inputs, written to the folder `out`.
@@ -63,6 +64,8 @@ def build(
         Called with the step, how much of it is done, and how much there is.
     sink
         Receives the classified points as they are written; not in a run by tiles.
+    allow_failures
+        Return what there is when a part could not be computed.
     options
         The keywords of `eaves.build`.
 
@@ -72,12 +75,14 @@ def build(
         When an input cannot be used, or another run holds the folder; nothing is written then.
     DiskFullError
         When the disk is full; what is done stays for a run with `resume`.
+    IncompleteRunError
+        When a part could not be computed, after all the others; see `allow_failures`.
     """
     run = open_run(inputs, out, recipe, progress, **options)
     with hold_folder(run) as workers:
         summary = build_run(run, workers, progress, sink)
         end_run(run, summary)
-        return summary
+    return summary.checked(allow_failures)
 
 
 class ModelledBuildings(NamedTuple):
@@ -128,6 +133,8 @@ def model_buildings(
         When an input cannot be used.
     TypeError, ValueError
         When an option, a method or a value does not exist.
+    IncompleteRunError
+        When a part could not be computed.
 
     Examples
     --------
@@ -144,7 +151,10 @@ def model_buildings(
             region = steps.open_region(run, workers, no_progress)
             bring_points(region)
             models = list(finished_models(region.store, find_buildings(region)))
-        return ModelledBuildings(models, region.store.system, run.provenance)
+        buildings = ModelledBuildings(models, region.store.system, run.provenance)
+        if region.failed:
+            raise IncompleteRunError(region.failed, buildings)
+        return buildings
 
 
 @contextmanager

@@ -101,7 +101,9 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
         f"{tmp_path / 'footprints.geojson'}: has 15 bytes, the run wrote "
         f"{read_manifest(tmp_path)['written']['footprints.geojson']['size']}"
     ]
-    assert build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",)).complete
+    with pytest.raises(InputError, match=r"footprints.geojson: was changed since a run wrote it"):
+        build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",))
+    assert build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",), overwrite=True).complete
     assert {path.name for path in tmp_path.iterdir()} == {
         *("footprints.gpkg", "review.csv", "buildings.qgz", MANIFEST),
         *("notes.txt", "footprints.geojson"),

@@ -25,8 +25,6 @@ NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS = (
     "party walls",
 )
 VERDICTS = (NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS)
-EDITS = "edits.gpkg"
-"""Name of the file in a run's folder that keeps all edits; a user may change it, too."""
 
 DIFFERENT_M2 = 0.05
 """An outline was edited when it differs by more than this (m²): drivers round coordinates."""

@@ -15,6 +15,7 @@ from eaves.pipeline import build
 from eaves.report.change_page import write_change_page
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import MANIFEST, begin_manifest, end_manifest
+from eaves.run.options import RunOptions
 
 log = logging.getLogger("eaves")
 WANTED = ("footprints", "models", "rasters", "classified")
@@ -39,9 +40,8 @@ def run_comparison(
         folder = path
         if not (path / MANIFEST).exists():
             log.info("%s: is a scan and is built first, into %s", path, out / name)
-            summary = build(
-                path, out / name, progress=progress, crs=crs, jobs=jobs, outputs=WANTED, resume=True
-            )
+            options = RunOptions(crs=crs, jobs=jobs, outputs=WANTED, resume=True)
+            summary = build(path, out / name, progress=progress, allow_failures=True, **options)
             whole &= summary.complete
             folder = out / name
         folders.append(folder)

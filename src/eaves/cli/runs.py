@@ -178,7 +178,7 @@ def run_build(
     alone = options["jobs"] == 1 or options.get("scheduler") is not None or (os.cpu_count() or 1) == 1
     with run_display(quiet, alone) as progress:
         made = build_with_report if reported else build_files
-        return made(inputs, out, recipe, progress, **options)
+        return made(inputs, out, recipe, progress, allow_failures=True, **options)
 
 
 def show_facts(inputs: list[str], options: RunOptions, as_json: bool, quiet: bool, verbose: bool) -> None:

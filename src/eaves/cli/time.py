@@ -61,6 +61,9 @@ def update(
     date: Annotated[
         str | None, typer.Option(help="Of the new scan, 2026-05-31; else the latest in the files' headers.")
     ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Write over edits and other results that -o holds.")
+    ] = False,
     jobs: Jobs = 0,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -87,7 +90,7 @@ def update(
     done: Rebuilt | Updated
     with progress_display(quiet) as progress:
         if inputs and out is not None:
-            done = run_update(folder, inputs, out, date, jobs, progress)
+            done = run_update(folder, inputs, out, date, jobs, progress, overwrite, allow_failures=True)
         else:
             done = rebuild(folder, edits, progress)
     unmodelled = done.failed if isinstance(done, Rebuilt) else ()

@@ -1,15 +1,20 @@
-"""No file that a run reads is one that it writes."""
+"""No file that a run writes is one that it reads, or holds a person's work or the results of other inputs."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from eaves.flow.exports import FOOTPRINT_FILES
 from eaves.formats import InputError
+from eaves.run.manifest import changed_files, known_facts
 
 ELSEWHERE = "choose another folder with -o"
+EDITS = "edits.gpkg"
+"""Name of the file in a run's folder that keeps all edits; a user may change it, too."""
 
 
 def refuse_collisions(
@@ -55,6 +60,35 @@ def refuse_collisions(
     for path in polygons:
         if any(is_same_place(path, folder / name) for name in written):
             raise InputError.about(path, "would be overwritten by the footprints of this run", ELSEWHERE)
+
+
+def refuse_overwrite(folder: Path, plan: Mapping[str, Any]) -> None:
+    """Check that a run that is planned so would write over no person's work in its output folder, and over no
+    results of inputs that it has not.
+
+    Raises
+    ------
+    InputError
+        When the folder holds edits, files that were changed since they were written, or a run of other
+        inputs.
+    """
+    remedy = "give another -o, or --overwrite"
+    if (edits := folder / EDITS).exists():
+        day = datetime.fromtimestamp(edits.stat().st_mtime)
+        raise InputError.about(folder, f"holds edits of {day.day} {day:%B %Y}", remedy)
+    facts = known_facts(folder)
+    same = {identity for one in plan.get("inputs", ()) for identity in identities(one)}
+    for one in facts.get("inputs", ()) if same else ():
+        if same.isdisjoint(identities(one)):
+            raise InputError.about(folder, f"holds a run of {Path(one['path']).name}", remedy)
+    for path in changed_files(folder) if facts else ():
+        raise InputError.about(path, "was changed since a run wrote it", remedy)
+
+
+def identities(entry: Mapping[str, Any]) -> tuple[str, str]:
+    """The path, and the name with the number of points, of an input that run.json lists: either tells that it
+    is the same, changed or moved."""
+    return os.path.realpath(entry["path"]), f"{entry['points']} points in {Path(entry['path']).name}"
 
 
 def is_same_place(one: str | Path, other: str | Path) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self, Unpack
 
 from eaves.flow.advice import scan_facts
-from eaves.flow.collisions import refuse_collisions
+from eaves.flow.collisions import refuse_collisions, refuse_overwrite
 from eaves.flow.exports import check_formats
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
@@ -168,7 +168,7 @@ def open_run(
     TypeError
         When an option does not exist.
     InputError
-        When an input cannot be used; nothing is written then.
+        When an input cannot be used, or the folder holds what it would write over; nothing is written then.
     """
     started, options = time.time(), check_options(options)
     recipe = recipe or recipe_of(options)
@@ -206,6 +206,9 @@ def open_run(
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
+    plan = describe_plan(index, recipe, options, map_, hashes)
+    if options["classified"] is None and not options["overwrite"]:
+        refuse_overwrite(folder, plan)
     warn_of_heights(index.system, options["formats"])
     claim(folder)
     given = "footprints" in polygons
@@ -214,7 +217,7 @@ def open_run(
         recipe=recipe,
         index=index,
         window=window,
-        plan=describe_plan(index, recipe, options, map_, hashes),
+        plan=plan,
         remote=traffic.as_json() if traffic.addresses else {},
         options=options,
         inputs=tuple(os.path.realpath(path) for path in paths),

@@ -2,11 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from eaves.model.coordinates import describe_units
+
+
+class IncompleteRunError(RuntimeError):
+    """A part of a run could not be computed; what could is there, and in `results`.
+
+    Parameters
+    ----------
+    failed : sequence of str
+        What is missing, with the reason, a line each.
+    results : Summary, Updated or ModelledBuildings
+        What the function would have returned.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> try:
+    ...     results = eaves.build("tile.laz", "out")                      # doctest: +SKIP
+    ... except eaves.IncompleteRunError as error:
+    ...     results = error.results
+    """
+
+    def __init__(self, failed: Sequence[str], results: Any) -> None:
+        super().__init__(failed, results)
+        self.failed, self.results = tuple(failed), results
+
+    def __str__(self) -> str:
+        more = f" ({len(self.failed)} such in all)" if len(self.failed) > 1 else ""
+        return f"{self.failed[0]}{more}; the rest is in `results`: pass allow_failures=True to go on with it"
 
 
 @dataclass(frozen=True)
@@ -66,6 +95,12 @@ class Summary:
     def complete(self) -> bool:
         """Whether every block was computed and every file written."""
         return not self.failed
+
+    def checked(self, allow_failures: bool = False) -> Self:
+        """The summary itself; `IncompleteRunError` when something is missing, unless that is allowed."""
+        if self.failed and not allow_failures:
+            raise IncompleteRunError(self.failed, self)
+        return self
 
     def with_step(self, name: str, cpu: float, wall: float) -> Summary:
         """The same with one more step: its processor time and its time on the clock (s)."""

@@ -26,6 +26,7 @@ def build(
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
+    allow_failures: bool = False,
     **options: Unpack[RunOptions],
 ) -> Results:
     """Footprints, models, rasters, classified points and report.html, in the folder `out`.
@@ -40,6 +41,8 @@ def build(
         The methods, instead of the options that name them.
     progress : callable
         Called with the step, how much of it is done, and how much there is.
+    allow_failures : bool
+        Return what there is when a part could not be computed.
     {options}
 
     Returns
@@ -55,6 +58,8 @@ def build(
         When an option, a method or a value does not exist.
     DiskFullError
         When the disk is full; what is done stays for a run with `resume`.
+    IncompleteRunError
+        When a part could not be computed, after all the others; it carries the results.
 
     Examples
     --------
@@ -70,7 +75,8 @@ def build(
     True
     """
     if "report" not in (options.get("outputs") or EVERYTHING):
-        return Results.of(build_files(inputs, out, recipe, progress, **options))
+        summary = build_files(inputs, out, recipe, progress, allow_failures=True, **options)
+        return Results.of(summary).checked(allow_failures)
     run = open_run(inputs, out, recipe, progress, **options)
     sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN)
     with hold_folder(run) as workers:
@@ -82,4 +88,4 @@ def build(
             clock.lap("report")
             summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
         end_run(run, summary)
-        return Results.of(summary)
+    return Results.of(summary).checked(allow_failures)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,7 +18,9 @@ log = logging.getLogger("eaves")
 MANIFEST = "run.json"
 """Its members `complete` and `written` are the manifest; all others are the facts of the run."""
 Entry = dict[str, Any]
-"""`size` in bytes and `sha256`; empty for a file of a run that has not ended."""
+"""`size` in bytes, `sha256` and of some files `content`; empty for a file of a run that has not ended."""
+SQLITE_HEADER = 100
+"""Bytes, by the file format."""
 
 
 def begin_manifest(folder: Path, facts: Mapping[str, Any] | None = None, files: Sequence[Path] = ()) -> None:
@@ -59,9 +61,35 @@ def names_of(folder: Path, files: Sequence[Path]) -> list[str]:
 
 
 def entry_of(path: Path) -> Entry:
-    """Size and checksum of a file."""
+    """Size and checksum of a file; of a GeoPackage also that of all that follows the header of SQLite, which
+    a program changes that only shows the file."""
     with path.open("rb") as file:
-        return {"size": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+        entry = {"size": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+        if path.suffix == ".gpkg":
+            file.seek(SQLITE_HEADER)
+            entry["content"] = hashlib.file_digest(file, "sha256").hexdigest()
+        return entry
+
+
+def is_changed(path: Path, entry: Entry) -> bool:
+    """Whether a file, which is there, holds something else than its entry says."""
+    log_of_changes = path.with_name(f"{path.name}-wal")  # of a GeoPackage that is open elsewhere
+    if path.stat().st_size != entry["size"] or (log_of_changes.exists() and log_of_changes.stat().st_size):
+        return True
+    now, mark = entry_of(path), "content" if "content" in entry else "sha256"
+    return bool(now.get(mark) != entry[mark])
+
+
+def changed_files(folder: Path) -> Iterator[Path]:
+    """The files that runs wrote into a folder and its tiles and somebody changed since. Those that are older
+    than the list of files are not opened."""
+    since = (folder / MANIFEST).stat().st_mtime_ns if (folder / MANIFEST).exists() else 0
+    for name, entry in sorted(known_files(folder).items()):
+        path = folder / name
+        if path.name == MANIFEST and path.parent != folder:  # a tile's
+            yield from changed_files(path.parent)
+        elif entry and path.is_file() and path.stat().st_mtime_ns >= since and is_changed(path, entry):
+            yield path
 
 
 def remove_own(path: Path, entry: Entry) -> None:
@@ -71,7 +99,7 @@ def remove_own(path: Path, entry: Entry) -> None:
     if path.name == MANIFEST:  # a tile's
         for name, own in known_files(path.parent).items():
             remove_own(path.parent / name, own)
-    elif entry and entry_of(path) != entry:
+    elif entry and is_changed(path, entry):
         log.warning("%s: an earlier run wrote it and it was changed since; it is left there", path)
         return
     path.unlink()
@@ -143,10 +171,13 @@ def is_inside_folder(name: str) -> bool:
 
 def known_files(folder: Path) -> dict[str, Entry]:
     """The files that earlier runs wrote here; none, with a warning, when the manifest is damaged."""
-    if not (folder / MANIFEST).exists():
-        return {}
+    return dict(known_facts(folder).get("written", {}))
+
+
+def known_facts(folder: Path) -> dict[str, Any]:
+    """What earlier runs wrote down here; nothing, with a warning, when the manifest is damaged."""
     try:
-        return dict(read_manifest(folder)["written"])
+        return read_manifest(folder) if (folder / MANIFEST).exists() else {}
     except InputError as error:
         log.warning("%s; what earlier runs left is not removed", error)
         return {}

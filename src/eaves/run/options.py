@@ -211,6 +211,13 @@ class RunOptions(TypedDict, total=False):
             panel="run",
         ),
     ]
+    overwrite: Annotated[
+        bool,
+        Option(
+            "Write over edits, changed files and the results of other inputs that the folder holds.",
+            False,
+        ),
+    ]
     per_tile: Annotated[
         bool,
         Option(

@@ -64,7 +64,9 @@ def read_request(folder: Path) -> Request:
         raise InputError.about(path, "is damaged", REMEDY) from None
 
 
-def open_kept(folder: Path, new: Sequence[str] = (), out: Path | None = None, jobs: int = 1) -> Run:
+def open_kept(
+    folder: Path, new: Sequence[str] = (), out: Path | None = None, jobs: int = 1, overwrite: bool = False
+) -> Run:
     """The run of a folder that keeps its results, opened again; with `new` inputs, a later scan, into `out`.
 
     Points keep their ids, for the inputs keep their order.
@@ -72,12 +74,13 @@ def open_kept(folder: Path, new: Sequence[str] = (), out: Path | None = None, jo
     Raises
     ------
     InputError
-        When the folder keeps none, an input is missing, has changed or cannot be used, or another version
-        made the results.
+        When the folder keeps none, an input is missing, has changed or cannot be used, another version made
+        the results, or `out` holds what would be written over.
     """
     request = read_request(folder)
     inputs = [*request.inputs, *new]
-    options = {**request.options, "jobs": jobs}
+    # in its own folder edits are kept
+    options = {**request.options, "jobs": jobs, "overwrite": overwrite or out is None}
     recipe = kept_recipe(request.plan)
     run = look_at_scan(open_run(inputs, out or folder, recipe, keep=True, resume=True, **options))
     broken = [reason for reason in run.failed if any(path in reason for path in new)]

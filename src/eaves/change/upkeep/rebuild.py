@@ -8,17 +8,18 @@ from pathlib import Path
 from shapely import Polygon
 
 from eaves.buildings.building_file import Kept, as_found
-from eaves.change.edits import EDITS, Edit, edits_of_layer, read_edits, settle, write_edits
+from eaves.change.edits import Edit, edits_of_layer, read_edits, settle, write_edits
 from eaves.change.upkeep.corrected import correct, outlines_in, overlaps
 from eaves.change.upkeep.kept import open_kept
 from eaves.flow.classified_points import known_copies
+from eaves.flow.collisions import EDITS
 from eaves.flow.numbers import keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
 from eaves.flow.region import kept_region
 from eaves.flow.run import Progress, no_progress
 from eaves.model.summary import Summary
 from eaves.pipeline import hold_folder
-from eaves.run.manifest import end_manifest, entry_of, known_files
+from eaves.run.manifest import end_manifest, is_changed, known_files
 from eaves.run.store import Store
 
 LAYER = "footprints.gpkg"
@@ -109,6 +110,6 @@ def kept_edits(folder: Path, store: Store) -> list[Edit]:
 def changed_in_layer(folder: Path, store: Store, shown: dict[str, Polygon]) -> list[Edit]:
     """The changes of a user in the run's footprints.gpkg, where it is not as the run wrote it."""
     path, entry = folder / LAYER, known_files(folder).get(LAYER)
-    if not path.exists() or not entry or entry_of(path) == entry:
+    if not path.exists() or not entry or not is_changed(path, entry):
         return []
     return edits_of_layer(path, store.system, shown)

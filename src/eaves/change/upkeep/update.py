@@ -13,20 +13,20 @@ import laspy
 import numpy as np
 
 from eaves.buildings.building_file import Kept, as_found
-from eaves.change.edits import EDITS, settle, write_edits
+from eaves.change.edits import settle, write_edits
 from eaves.change.upkeep.corrected import correct, outlines_in
 from eaves.change.upkeep.kept import MODELS, open_kept, read_request
 from eaves.change.upkeep.rebuild import LAYER, changed_in_layer, kept_edits
 from eaves.change.upkeep.versions import Versions, known_ids, lines_of, name_versions, write_history
 from eaves.flow.classified_points import known_copies
-from eaves.flow.collisions import is_same_place
+from eaves.flow.collisions import EDITS, is_same_place
 from eaves.flow.numbers import keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
 from eaves.flow.region import Region, end_region, open_region, store_of
 from eaves.flow.run import WORK, Progress, no_progress
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
-from eaves.model.summary import Summary
+from eaves.model.summary import IncompleteRunError, Summary
 from eaves.pipeline import bring_points, find_buildings, hold_folder
 from eaves.run.keys import BLOCKS, EDITED, GONE, NAMED
 from eaves.run.lock import lock_folder
@@ -80,6 +80,8 @@ def update(
     date: str | None = None,
     jobs: int = 1,
     progress: Progress = no_progress,
+    overwrite: bool = False,
+    allow_failures: bool = False,
 ) -> Updated:
     """A run's results after a later scan of a part of its area, in a folder of their own.
 
@@ -102,6 +104,10 @@ def update(
         Processes.
     progress : callable
         Called with the step, how much of it is done, and how much there is.
+    overwrite : bool
+        Write over edits, changed files and the results of other inputs that `out` holds.
+    allow_failures : bool
+        Return what there is when a part could not be computed.
 
     Returns
     -------
@@ -112,6 +118,8 @@ def update(
     ------
     InputError
         When the folder keeps no parts, or the new points do not fit it; nothing is written then.
+    IncompleteRunError
+        When a part could not be computed, after all the others.
 
     Examples
     --------
@@ -124,7 +132,7 @@ def update(
     known = read_request(folder).inputs
     new = check_inputs(folder, known, list_inputs(inputs), out)
     when = date_of(new, date)
-    run = open_kept(folder, new, out, jobs)
+    run = open_kept(folder, new, out, jobs, overwrite)
     with lock_folder(folder), hold_folder(run) as workers:
         before = replace(store_of(run), folder=folder / WORK)
         shown = outlines_in(Kept(before), run.side)
@@ -165,7 +173,7 @@ def update(
         end_region(region, summary.complete)
         end_manifest(out, files, summary.complete)
         conflicts += [f"no model: {one}" for one in edited.failed]
-        return Updated(
+        updated = Updated(
             replace(summary, files=tuple(files)),
             when,
             points_counted(region),
@@ -174,6 +182,9 @@ def update(
             tuple(conflicts),
             tuple(beside),
         )
+    if summary.failed and not allow_failures:
+        raise IncompleteRunError(summary.failed, updated)
+    return updated
 
 
 def check_inputs(folder: Path, known: Sequence[str], paths: Sequence[str], out: Path) -> list[str]:
