@@ -15,33 +15,37 @@ LEAST = float(np.finfo(np.float64).tiny)
 """The impossible is this likely, so that its logarithm is finite."""
 
 
-def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Values]:
-    """The steps (W,) at which the best division has its walls, and the probability of a wall near each (W,).
+def chances_of(odds: Values, width_odds: Values) -> tuple[float, Values]:
+    """Logarithm of the sum over all divisions of their products, and the share (S + 1,) of it that has a wall
+    at each step.
 
-    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds` (S + 1,).
-    The division with the greatest product is found by dynamic programming, the probabilities by the
+    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds` (S + 1,):
     forward-backward sums over all divisions [rabiner1989].
     """
-    before = best_kernel(odds, width_odds)
-    walls = []
-    step = int(before[-1])
-    while step > 0:
-        walls.append(step)
-        step = int(before[step])
-    found = np.array(walls[::-1], np.int64)
-    if len(found) == 0:
-        return found, np.zeros(0)
     forward = forward_kernel(odds, width_odds)
-    chance = forward * backward_kernel(odds, width_odds) / forward[-1]
+    total = max(forward[-1], LEAST)
+    chance = forward * backward_kernel(odds, width_odds) / total
     chance[[0, -1]] = 0.0
-    sums = np.concatenate([[0.0], np.cumsum(chance)])
-    low, high = np.maximum(found - NEAR, 0), np.minimum(found + NEAR + 1, len(chance))
-    return found, np.minimum(sums[high] - sums[low], 1.0)
+    return float(np.log(total)), chance
 
 
-def total_of(odds: Values, width_odds: Values) -> float:
-    """Logarithm of the sum over all divisions of their products."""
-    return float(np.log(max(forward_kernel(odds, width_odds)[-1], LEAST)))
+def likely_walls(chance: Values, least: float) -> tuple[NDArray[np.int64], Values]:
+    """The steps (W,) near which most divisions have a wall, and the share of them (W,), at least `least`.
+
+    A wall stands at the mean of the places that divisions give it.
+    """
+    left, found = chance.copy(), []
+    steps = np.arange(len(chance))
+    while len(left) > 2 * NEAR:
+        near = np.convolve(left, np.ones(2 * NEAR + 1), "same")
+        middle = int(np.argmax(near))
+        if near[middle] < least:
+            break
+        own = np.abs(steps - middle) <= NEAR
+        found.append((round(float(steps[own] @ left[own] / near[middle])), min(float(near[middle]), 1.0)))
+        left[np.abs(steps - middle) <= 2 * NEAR] = 0.0
+    found.sort()
+    return np.array([wall for wall, _ in found], np.int64), np.array([sure for _, sure in found])
 
 
 @kernel
@@ -71,21 +75,3 @@ def backward_kernel(odds: Values, width_odds: Values) -> Values:
             own = odds[end] if end < count - 1 else 1.0
             total[start] += width_odds[end - start] * own * total[end]
     return total
-
-
-@kernel
-def best_kernel(odds: Values, width_odds: Values) -> NDArray[np.int64]:
-    """For each step the wall before it in the best division that has a wall there."""
-    count = len(odds)
-    best = np.full(count, -np.inf)
-    before = np.zeros(count, np.int64)
-    best[0] = 0.0
-    for end in range(1, count):
-        for start in range(end):
-            unit = width_odds[end - start]
-            score = best[start] + np.log(max(unit, LEAST))
-            if score > best[end]:
-                best[end], before[end] = score, start
-        if end < count - 1:
-            best[end] += np.log(odds[end])
-    return before

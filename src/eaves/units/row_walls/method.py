@@ -10,7 +10,7 @@ from shapely import Polygon
 
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
-from eaves.units.row_walls.chain import best_walls, total_of
+from eaves.units.row_walls.chain import chances_of, likely_walls
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_unit_cells
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
@@ -83,6 +83,9 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     regular_gain: float = parameter(
         2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
     )
+    least_sure: float = parameter(
+        0.5, "A wall is kept where this share of all divisions has one.", gt=0.0, lt=1.0
+    )
     carried_on: float = parameter(
         HOUSE_M, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
     )
@@ -123,13 +126,12 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         width = np.maximum(np.arange(len(log_odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / (2.0 * self.likeness)) ** 2)
         odds = np.exp(log_odds)
-        best, chosen = total_of(odds, broad) + self.regular_gain, broad
-        for usual in self.usual_widths(row):
-            regular = self.regular_width(width, usual, broad)
-            total = total_of(odds, regular)
-            if total > best:
-                best, chosen = total, regular
-        return RowUnits(row, *best_walls(odds, chosen))
+        widths = [broad, *(self.regular_width(width, usual, broad) for usual in self.usual_widths(row))]
+        totals, chances = zip(*(chances_of(odds, one) for one in widths), strict=True)
+        likely = np.array(totals)
+        likely[0] += self.regular_gain
+        share = np.exp(likely - likely.max())
+        return RowUnits(row, *likely_walls(share @ np.array(chances) / share.sum(), self.least_sure))
 
     def usual_widths(self, row: HouseRow) -> list[float]:
         """The widths (m) that most units of a regular row may have; three at least stand in it."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -166,29 +165,66 @@ class HouseRow:
         return LineString(np.column_stack(self.place(s, t)))
 
 
-def fronts_of(outline: Polygon, limits: RowRules) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Start and end (2,) of the straight fronts of an outline, the interior on their left."""
+def fronts_of(
+    outline: Polygon, directions: NDArray[np.float64], limits: RowRules
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Start and end (2,) of the straight fronts of an outline along the directions (K, 2), the interior on
+    their left: edges along one direction that follow each other on a ring, with no more than a jog between.
+    """
     fronts = []
     for number, ring in enumerate((outline.exterior, *outline.interiors)):
-        plain = shapely.orient_polygons(shapely.simplify(Polygon(ring), limits.jog)).exterior
-        xy = np.asarray(plain.coords)[:, :2]
+        plain = shapely.orient_polygons(Polygon(ring)).exterior
+        xy = np.asarray(plain.coords)[:-1, :2]
         if number > 0:
             xy = xy[::-1]
-        fronts += list(pairwise(xy))
+        fronts += fronts_of_ring(xy, directions, limits)
     return [front for front in fronts if np.hypot(*(front[1] - front[0])) >= limits.shortest_front]
 
 
-def straightened(
-    along: NDArray[np.float64], directions: NDArray[np.float64], most_turn: float
-) -> NDArray[np.float64]:
-    """The direction of the outline's own edges that is nearest to a front's, which jogs have turned by
-    `most_turn` (degrees) at most.
-    """
+def fronts_of_ring(
+    xy: NDArray[np.float64], directions: NDArray[np.float64], limits: RowRules
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """The fronts of a ring (N, 2)."""
     if len(directions) == 0:
-        return along
-    turned = directions * np.sign(directions @ along + 1e-12)[:, None]
-    nearest = turned[int(np.argmax(turned @ along))]
-    return nearest if nearest @ along > np.cos(np.radians(most_turn)) else along
+        return
+    step = np.roll(xy, -1, axis=0) - xy
+    cosine = step @ directions.T / np.maximum(np.hypot(step[:, 0], step[:, 1]), CELL_M)[:, None]
+    nearest = np.argmax(np.abs(cosine), axis=1)
+    cosine = cosine[np.arange(len(xy)), nearest]
+    way = np.where(np.abs(cosine) >= np.cos(np.radians(limits.most_turn)), np.sign(cosine), 0.0)
+    for k, direction in enumerate(directions):
+        for sign in (-1.0, 1.0):
+            own = np.flatnonzero((nearest == k) & (way == sign))
+            if len(own) == 0:
+                continue
+            along = sign * direction
+            s, t = xy @ along, xy @ np.array([-along[1], along[0]])
+            ends = (own + 1) % len(xy)
+            linked = np.array([
+                is_jog(s, t, end, start, limits.jog) for end, start in zip(ends, np.roll(own, -1), strict=True)
+            ])
+            linked[-1] &= len(own) > 1
+            breaks = np.flatnonzero(~linked)
+            first = int(breaks[0]) + 1 if len(breaks) else 0  # a chain begins after a break
+            chain: list[int] = []
+            for place in (np.arange(len(own)) + first) % len(own):
+                chain.append(int(place))
+                if linked[place] and len(chain) < len(own):
+                    continue
+                edges = own[chain]
+                low, high = s[edges].min(), s[ends[chain]].max()
+                weight = np.abs(s[ends[chain]] - s[edges])
+                offset = float(np.average(0.5 * (t[edges] + t[ends[chain]]), weights=weight))
+                across = np.array([-along[1], along[0]])
+                yield low * along + offset * across, high * along + offset * across
+                chain = []
+
+
+def is_jog(s: NDArray[np.float64], t: NDArray[np.float64], end: int, start: int, jog: float) -> bool:
+    """Whether a ring of places s, t (N,) goes from vertex `end` on to `start` without leaving the front by
+    more than a jog."""
+    between = np.arange(end, start + 1 if start >= end else start + 1 + len(s)) % len(s)
+    return bool(np.abs(t[between] - t[end]).max() <= jog and s[start] >= s[end] - jog)
 
 
 def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
@@ -203,9 +239,9 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
     `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
     """
     free = plan.main.copy()
-    for start, end in sorted(fronts_of(plan.outline, limits), key=by_length):
+    for start, end in sorted(fronts_of(plan.outline, directions, limits), key=by_length):
         length = float(np.hypot(*(end - start)))
-        along = straightened((end - start) / length, directions, limits.most_turn)
+        along = (end - start) / length
         upright = np.array([-along[1], along[0]])
         best = ground_behind(plan, free, start, along, upright, length, limits)
         if best is None:
