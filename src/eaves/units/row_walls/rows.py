@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 from shapely import LineString, Polygon
 
 from eaves.methods import Method, parameter
@@ -19,6 +20,8 @@ CELL_M = 0.25
 
 SAME_DEG = 2.0
 """Directions nearer to each other than this are one: a tolerance."""
+CLEAR = 1.6
+"""Walls lean where heights change so many times as much along the row alike as upright on the front."""
 JOG_M, HOUSE_M = 1.5, 15.0
 """How far a front steps back and forth and is one, and how deep a house in a row is at most (m); a row of two
 is twice as deep."""
@@ -98,10 +101,11 @@ class Plan:
         column = np.clip(((points[:, 0] - west) / CELL_M).astype(np.int64), 0, columns - 1)
         row = np.clip(((points[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
         cell = row * columns + column
-        count = np.bincount(cell, minlength=rows * columns)
-        total = np.bincount(cell, points[:, 2], rows * columns)
-        with np.errstate(invalid="ignore"):
-            height = (total / count).reshape(rows, columns)
+        count, total = (
+            ndimage.uniform_filter(np.bincount(cell, weights, rows * columns).astype(np.float64).reshape(rows, columns), 3)
+            for weights in (None, points[:, 2])
+        )
+        height = np.where(count > 1e-9, total / np.maximum(count, 1e-9), np.nan)
         return cls(main.reshape(rows, columns), height, west, south, outline)
 
     def cells(
@@ -224,7 +228,7 @@ def is_jog(s: NDArray[np.float64], t: NDArray[np.float64], end: int, start: int,
     """Whether a ring of places s, t (N,) goes from vertex `end` on to `start` without leaving the front by
     more than a jog."""
     between = np.arange(end, start + 1 if start >= end else start + 1 + len(s)) % len(s)
-    return bool(np.abs(t[between] - t[end]).max() <= jog and s[start] >= s[end] - jog)
+    return bool(np.ptp(t[between]) <= jog and s[start] >= s[end] - jog)
 
 
 def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
@@ -249,8 +253,8 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
         most = coherence(plan, best)
         for across in leaning(directions, upright, limits.most_lean):
             row = ground_behind(plan, free, start, along, across, length, limits)
-            if row is not None and (coherent := coherence(plan, row)) > most:
-                most, best = coherent, row
+            if row is not None and (coherent := coherence(plan, row)) > most * CLEAR:
+                most, best = coherent / CLEAR, row
         if square_share(plan, best, limits) < limits.least_square:
             continue
         free[plan.cells(*best.ground())] = False
