@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
@@ -162,7 +163,14 @@ class HouseRow:
         s, t = (x * one + y * other for one, other in turn)
         return s, t
 
-    def rim(self) -> LineString:
+    def rim(self) -> NDArray[np.float64]:
+        """Places (M, 2) around the row's ground, from step to step."""
+        used = np.flatnonzero(self.last > self.first)
+        s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
+        s[[0, -1]], s[[len(used) - 1, len(used)]] = 0.0, self.length
+        return np.column_stack(self.place(s, np.concatenate([self.first[used], self.last[used][::-1]])))
+
+    def frame(self) -> LineString:
         """The parallelogram around the row's ground."""
         near, far = float(self.first.min()), float(self.last.max())
         s, t = np.array([0.0, self.length, self.length, 0.0, 0.0]), np.array([near, near, far, far, near])
@@ -240,33 +248,29 @@ def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[f
 def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[HouseRow]:
     """The rows of a block, longest front first; what one claims no other has.
 
-    `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
+    `directions` (K, 2) are unit vectors along which fronts run, and walls, where they do not stand upright.
     """
-    free = plan.main.copy()
+    free = plan.outline
     for start, end in sorted(fronts_of(plan.outline, directions, limits), key=by_length):
-        length = float(np.hypot(*(end - start)))
-        along = (end - start) / length
+        along = (end - start) / np.hypot(*(end - start))
         upright = np.array([-along[1], along[0]])
-        best = ground_behind(plan, free, start, along, upright, length, limits)
+        best = ground_behind(plan.outline, free, start, end, upright, limits)
         if best is None:
             continue
         most = coherence(plan, best)
         for across in leaning(directions, upright, limits.most_lean):
-            row = ground_behind(plan, free, start, along, across, length, limits)
+            row = ground_behind(plan.outline, free, start, end, across, limits)
             if row is not None and (coherent := coherence(plan, row)) > most * CLEAR:
                 most, best = coherent / CLEAR, row
         if square_share(plan, best, limits) < limits.least_square:
             continue
-        free[plan.cells(*best.ground())] = False
+        free = shapely.difference(free, shapely.make_valid(Polygon(best.rim())))
         yield best
 
 
 def square_share(plan: Plan, row: HouseRow, limits: RowRules) -> float:
     """Share of the outline around a row's ground that runs along its front or its walls."""
-    used = np.flatnonzero(row.last > row.first)
-    s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
-    rim = np.column_stack(row.place(s, np.concatenate([row.first[used], row.last[used][::-1]])))
-    around = shapely.buffer(Polygon(rim), 0.5 * limits.jog)
+    around = shapely.buffer(Polygon(row.rim()), 0.5 * limits.jog)
     near = shapely.get_parts(shapely.intersection(plan.outline.boundary, around))
     step = np.vstack([np.zeros((1, 2)), *(np.diff(shapely.get_coordinates(line), axis=0) for line in near)])
     length = np.hypot(step[:, 0], step[:, 1])
@@ -300,45 +304,57 @@ def coherence(plan: Plan, row: HouseRow) -> float:
 
 
 def ground_behind(
-    plan: Plan,
-    free: Mask,
+    outline: Polygon,
+    free: BaseGeometry,
     start: NDArray[np.float64],
-    along: NDArray[np.float64],
+    end: NDArray[np.float64],
     across: NDArray[np.float64],
-    length: float,
     limits: RowRules,
 ) -> HouseRow | None:
     """The ground behind a front, None where others have claimed it."""
+    length = float(np.hypot(*(end - start)))
+    along = (end - start) / length
     steps = int(length / CELL_M)
-    s = (np.arange(steps) + 0.5) * CELL_M
-    t = np.arange(-limits.jog - 0.5, 2.0 * HOUSE_M, CELL_M)
-    x, y = ((start[k] + s * along[k])[:, None] + t * across[k] for k in range(2))
-    cells = plan.cells(x, y)
-    main, own = plan.main[cells], free[cells]
-    begin = np.argmax(main, axis=1)
-    there = main[np.arange(steps), begin] & (t[begin] < limits.jog + 0.5)
-    to_end = main | (np.arange(len(t)) < begin[:, None])
-    end = np.where(to_end.all(axis=1), len(t), np.argmin(to_end, axis=1))
+    origin = start + 0.5 * (length - steps * CELL_M) * along
+    foot = origin + (np.arange(steps)[:, None] + 0.5) * CELL_M * along
+    near, far = -limits.jog - 0.5, 2.0 * HOUSE_M
+    lines = shapely.linestrings(np.stack([foot + near * across, foot + far * across], axis=1))
+    inside = shapely.get_coordinates(lines)[::2]
+    begin, last = np.zeros(steps), np.zeros(steps)
+    number, low, high = pieces_of(shapely.intersection(lines, outline), inside, across, near)
+    for k in range(len(number) - 1, -1, -1):  # the first along each line stays
+        begin[number[k]], last[number[k]] = low[k], high[k]
+    there = (last > begin) & (begin < limits.jog + 0.5)
     if not there.any():
         return None
-    depth = np.where(there, end - begin, 0)
+    depth = last - begin
     usual = float(np.median(depth[there]))
-    deep = there & (depth > limits.most_deeper * usual)
-    end = np.where(deep, begin + int(usual), end)
-    run = (np.arange(len(t)) >= begin[:, None]) & (np.arange(len(t)) < end[:, None]) & there[:, None]
-    # the row ends where others' ground begins
-    taken = run & ~own
-    there &= ~(taken.sum(axis=1) > 0.5 * np.maximum(run.sum(axis=1), 1))
-    first_taken = np.where(taken.any(axis=1), np.argmax(taken, axis=1), len(t))
-    begin = np.where(first_taken <= begin, begin + taken.sum(axis=1), begin)
-    end = np.where(first_taken > begin, np.minimum(end, first_taken), end)
-    there &= end > begin
+    last = np.where(depth > limits.most_deeper * usual, begin + usual, last)
+    number, low, high = pieces_of(shapely.intersection(lines, free), inside, across, near)
+    low, high = np.maximum(low, begin[number]), np.minimum(high, last[number])
+    # of what others left the longest piece, where that is most
+    mine = np.zeros((2, steps))
+    for k in np.argsort(high - low, kind="stable"):
+        mine[:, number[k]] = low[k], high[k]
+    there &= mine[1] - mine[0] >= 0.5 * (last - begin)
     if there.sum() * CELL_M < limits.shortest_front:
         return None
-    if np.median((end - begin)[there]) * CELL_M < limits.narrowest:
+    begin, last = np.where(there, mine, 0.0)
+    if np.median((last - begin)[there]) < limits.narrowest:
         return None
-    begin, end = np.where(there, begin, 0), np.where(there, end, 0)
-    inside = np.flatnonzero(there)
-    keep = slice(inside[0], inside[-1] + 1)
-    first, last = t[0] + begin * CELL_M, t[0] + end * CELL_M
-    return HouseRow(start + inside[0] * CELL_M * along, along, across, first[keep], last[keep])
+    used = np.flatnonzero(there)
+    keep = slice(used[0], used[-1] + 1)
+    return HouseRow(origin + used[0] * CELL_M * along, along, across, begin[keep], last[keep])
+
+
+def pieces_of(
+    cut: NDArray[np.object_], start: NDArray[np.float64], across: NDArray[np.float64], near: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Number of the line, first and last t of each piece (M,) of the cut lines, line by line in order of t."""
+    parts, number = shapely.get_parts(cut, return_index=True)
+    lines = (shapely.get_type_id(parts) == 1) & ~shapely.is_empty(parts)
+    parts, number = parts[lines], number[lines]
+    t = [near + (shapely.get_coordinates(shapely.get_point(parts, k)) - start[number]) @ across for k in (0, -1)]
+    low, high = np.minimum(*t), np.maximum(*t)
+    order = np.lexsort([low, number])
+    return number[order], low[order], high[order]
