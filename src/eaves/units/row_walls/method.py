@@ -84,7 +84,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
     )
     least_sure: float = parameter(
-        0.5, "A wall is kept where this share of all divisions has one.", gt=0.0, lt=1.0
+        0.3, "A wall is kept where this share of all divisions has one.", gt=0.0, lt=1.0
     )
     carried_on: float = parameter(
         HOUSE_M, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
