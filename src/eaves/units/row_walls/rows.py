@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -12,6 +13,7 @@ from scipy import ndimage
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from eaves.geometry.inside import edges_of
 from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
 
@@ -304,57 +306,75 @@ def coherence(plan: Plan, row: HouseRow) -> float:
 
 
 def ground_behind(
-    outline: Polygon,
+    outline: BaseGeometry,
     free: BaseGeometry,
     start: NDArray[np.float64],
     end: NDArray[np.float64],
     across: NDArray[np.float64],
     limits: RowRules,
 ) -> HouseRow | None:
-    """The ground behind a front, None where others have claimed it."""
+    """The ground behind a front, to where the outline ends; None where others have claimed it.
+
+    Where it is far deeper than usual another row stands behind.
+    """
     length = float(np.hypot(*(end - start)))
     along = (end - start) / length
     steps = int(length / CELL_M)
     origin = start + 0.5 * (length - steps * CELL_M) * along
-    foot = origin + (np.arange(steps)[:, None] + 0.5) * CELL_M * along
-    near, far = -limits.jog - 0.5, 2.0 * HOUSE_M
-    lines = shapely.linestrings(np.stack([foot + near * across, foot + far * across], axis=1))
-    inside = shapely.get_coordinates(lines)[::2]
+    whole = chords_of(outline, origin, along, across, steps, limits.jog)
+    first = np.unique(whole.step, return_index=True)[1]
+    first = first[whole.first[first] < limits.jog + 0.5]
+    if len(first) == 0:
+        return None
     begin, last = np.zeros(steps), np.zeros(steps)
-    number, low, high = pieces_of(shapely.intersection(lines, outline), inside, across, near)
-    for k in range(len(number) - 1, -1, -1):  # the first along each line stays
-        begin[number[k]], last[number[k]] = low[k], high[k]
-    there = (last > begin) & (begin < limits.jog + 0.5)
-    if not there.any():
-        return None
-    depth = last - begin
-    usual = float(np.median(depth[there]))
-    last = np.where(depth > limits.most_deeper * usual, begin + usual, last)
-    number, low, high = pieces_of(shapely.intersection(lines, free), inside, across, near)
-    low, high = np.maximum(low, begin[number]), np.minimum(high, last[number])
-    # of what others left the longest piece, where that is most
-    mine = np.zeros((2, steps))
-    for k in np.argsort(high - low, kind="stable"):
-        mine[:, number[k]] = low[k], high[k]
-    there &= mine[1] - mine[0] >= 0.5 * (last - begin)
-    if there.sum() * CELL_M < limits.shortest_front:
-        return None
+    begin[whole.step[first]], last[whole.step[first]] = whole.first[first], whole.last[first]
+    usual = float(np.median((last - begin)[last > begin]))
+    last = np.where(last - begin > limits.most_deeper * usual, begin + usual, last)
+    left = chords_of(free, origin, along, across, steps, limits.jog)
+    low, high = np.maximum(left.first, begin[left.step]), np.minimum(left.last, last[left.step])
+    mine = np.zeros((2, steps))  # of what others left the longest piece
+    order = np.argsort(high - low, kind="stable")
+    mine[:, left.step[order]] = low[order], high[order]
+    there = (last > begin) & (mine[1] - mine[0] >= 0.5 * (last - begin))
     begin, last = np.where(there, mine, 0.0)
-    if np.median((last - begin)[there]) < limits.narrowest:
+    if there.sum() * CELL_M < limits.shortest_front or np.median((last - begin)[there]) < limits.narrowest:
         return None
     used = np.flatnonzero(there)
     keep = slice(used[0], used[-1] + 1)
     return HouseRow(origin + used[0] * CELL_M * along, along, across, begin[keep], last[keep])
 
 
-def pieces_of(
-    cut: NDArray[np.object_], start: NDArray[np.float64], across: NDArray[np.float64], near: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Number of the line, first and last t of each piece (M,) of the cut lines, line by line in order of t."""
-    parts, number = shapely.get_parts(cut, return_index=True)
-    lines = (shapely.get_type_id(parts) == 1) & ~shapely.is_empty(parts)
-    parts, number = parts[lines], number[lines]
-    t = [near + (shapely.get_coordinates(shapely.get_point(parts, k)) - start[number]) @ across for k in (0, -1)]
-    low, high = np.minimum(*t), np.maximum(*t)
-    order = np.lexsort([low, number])
-    return number[order], low[order], high[order]
+class Chords(NamedTuple):
+    """Where lines across a row, one in the middle of each step, lie in a shape: the step and the first and
+    last t (m) of each piece (M,), step by step from the front."""
+
+    step: NDArray[np.int64]
+    first: NDArray[np.float64]
+    last: NDArray[np.float64]
+
+
+def chords_of(
+    shape: BaseGeometry,
+    origin: NDArray[np.float64],
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    steps: int,
+    jog: float,
+) -> Chords:
+    """The chords of polygons, from a jog and a half metre before the front to the depth of two houses."""
+    ends = edges_of(shapely.get_parts(shape))[:2]
+    turn = np.linalg.inv(np.column_stack([along, across]))
+    (s0, t0), (s1, t1) = (turn @ (places - origin).T for places in ends)
+    place0, place1 = s0 / CELL_M - 0.5, s1 / CELL_M - 0.5
+    # an edge crosses the lines from its one end up to, and without, its other
+    low, high = (
+        np.clip(np.ceil(extreme(place0, place1)), 0, steps).astype(np.int64) for extreme in (np.minimum, np.maximum)
+    )
+    edge = np.repeat(np.arange(len(low)), high - low)
+    step = np.arange(len(edge)) - np.repeat(np.cumsum(high - low) - high, high - low)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = t0[edge] + (step - place0[edge]) / (place1 - place0)[edge] * (t1 - t0)[edge]
+    order = np.lexsort([t, step])
+    first, last = np.maximum(t[order[::2]], -jog - 0.5), np.minimum(t[order[1::2]], 2.0 * HOUSE_M)
+    there = last > first
+    return Chords(step[order[::2]][there], first[there], last[there])
