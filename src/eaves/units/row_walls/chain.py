@@ -1,4 +1,4 @@
-"""Where the walls of one row are: the best division of a chain of steps, and how sure each wall is."""
+"""Where the walls of one row are: all divisions of a chain of steps, and the share of them with each wall."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def chances_of(odds: Values, width_odds: Values) -> tuple[float, Values]:
 
 
 def likely_walls(chance: Values, least: float) -> tuple[NDArray[np.int64], Values]:
-    """The steps (W,) near which most divisions have a wall, and the share of them (W,), at least `least`.
+    """The steps (W,) near which divisions agree on a wall, and the share of them (W,), at least `least`.
 
     A wall stands at the mean of the places that divisions give it.
     """

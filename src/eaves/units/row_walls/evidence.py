@@ -1,4 +1,9 @@
-"""The signs of a party wall along a line across a row, in the points on both sides of it."""
+"""The signs of a party wall along a line across a row, in the points on both sides of it.
+
+Every sign is a continuous function of the points: they count for the nodes around them by their nearness, and
+what they show passes from one side of a limit to the other. So neither where a row begins nor a millimetre
+decides.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +27,13 @@ FEWEST = 3
 """Fewer points on one side of a metre say nothing of it."""
 
 GAP, WIDE = 1, 3
-"""Steps left out beside a wall where the points next to it lie on no plane: gutters, shadows."""
+"""Steps left out beside a wall, and where the points next to it lie on no plane: gutters, shadows."""
 
 CROSSING_M = 0.6
 """Planes that cross this near (m) to a place meet there in a fold and make no step."""
 
 LEAST_SPREAD = 0.003
-"""Points whose variance along a direction (m²) is less show no slope along it."""
+"""Variance (m²) of points along a direction, added to theirs: if they have no more they show no slope."""
 
 PATCH_M = 1.5
 """Side of the squares in which the noise of the roofs is measured: most of them lie on one plane."""
@@ -52,7 +57,8 @@ def roof_noise(points: Points) -> float:
         return USUAL_NOISE_M
     local = points - np.floor(points.min(axis=0))
     _, normal, rmse = fit_planes(sums_of(local, cells.cell, cells.size)[full])
-    measured = measure_noise((rmse / normal[:, 2]) ** 2, cells.count[full], CALM_QUANTILE)
+    upright = np.maximum(normal[:, 2], np.finfo(np.float64).tiny)  # a wall alone: far from calm
+    measured = measure_noise((rmse / upright) ** 2, cells.count[full], CALM_QUANTILE)
     return max(measured, USUAL_NOISE_M)
 
 
@@ -133,12 +139,12 @@ def side_kernel(
     """How much the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`, lie on a plane
     (0 to 1); how many they are, the height of that plane at (s0, t0), and its slope along the row.
 
-    Each of three windows, at most `room` steps wide, takes of what the wider ones left as much as its points
-    are on a plane.
+    Three windows, at most `room` steps wide, and the same farther away: each takes of what those before it
+    left as much as its points lie on a plane.
     """
     left, count, height, slope = 1.0, 0.0, 0.0, 0.0
     for tried in range(6):
-        width, gap = (room >> (tried % 3)), (GAP if tried < 3 else WIDE)
+        width, gap = room >> (tried % 3), GAP if tried < 3 else WIDE
         low, high = (at - gap - width, at - gap) if way < 0 else (at + gap, at + gap + width)
         low, high = max(low, 0), min(high, len(sums) - 1)
         if low >= high:

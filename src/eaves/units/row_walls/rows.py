@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,8 @@ CELL_M = 0.25
 SAME_DEG = 2.0
 """Directions nearer to each other than this are one: a tolerance."""
 CLEAR = 1.6
-"""Walls lean where heights change so many times as much along the row alike as upright on the front."""
+"""Walls lean where that makes heights change so many times as much alike: points moved by a part of a cell
+change the coherence of a row by less."""
 JOG_M, HOUSE_M = 1.5, 15.0
 """How far a front steps back and forth and is one, and how deep a house in a row is at most (m); a row of two
 is twice as deep."""
@@ -105,7 +107,9 @@ class Plan:
         row = np.clip(((points[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
         cell = row * columns + column
         count, total = (
-            ndimage.uniform_filter(np.bincount(cell, weights, rows * columns).astype(np.float64).reshape(rows, columns), 3)
+            ndimage.uniform_filter(
+                np.bincount(cell, weights, rows * columns).astype(np.float64).reshape(rows, columns), 3
+            )
             for weights in (None, points[:, 2])
         )
         height = np.where(count > 1e-9, total / np.maximum(count, 1e-9), np.nan)
@@ -181,64 +185,43 @@ class HouseRow:
 
 def fronts_of(
     outline: Polygon, directions: NDArray[np.float64], limits: RowRules
-) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Start and end (2,) of the straight fronts of an outline along the directions (K, 2), the interior on
-    their left: edges along one direction that follow each other on a ring, with no more than a jog between.
-    """
-    fronts = []
-    for number, ring in enumerate((outline.exterior, *outline.interiors)):
-        plain = shapely.orient_polygons(Polygon(ring)).exterior
-        xy = np.asarray(plain.coords)[:-1, :2]
-        if number > 0:
-            xy = xy[::-1]
-        fronts += fronts_of_ring(xy, directions, limits)
-    return [front for front in fronts if np.hypot(*(front[1] - front[0])) >= limits.shortest_front]
-
-
-def fronts_of_ring(
-    xy: NDArray[np.float64], directions: NDArray[np.float64], limits: RowRules
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """The fronts of a ring (N, 2)."""
-    if len(directions) == 0:
-        return
-    step = np.roll(xy, -1, axis=0) - xy
-    cosine = step @ directions.T / np.maximum(np.hypot(step[:, 0], step[:, 1]), CELL_M)[:, None]
-    nearest = np.argmax(np.abs(cosine), axis=1)
-    cosine = cosine[np.arange(len(xy)), nearest]
-    way = np.where(np.abs(cosine) >= np.cos(np.radians(limits.most_turn)), np.sign(cosine), 0.0)
-    for k, direction in enumerate(directions):
-        for sign in (-1.0, 1.0):
-            own = np.flatnonzero((nearest == k) & (way == sign))
-            if len(own) == 0:
-                continue
-            along = sign * direction
-            s, t = xy @ along, xy @ np.array([-along[1], along[0]])
-            ends = (own + 1) % len(xy)
-            linked = np.array([
-                is_jog(s, t, end, start, limits.jog) for end, start in zip(ends, np.roll(own, -1), strict=True)
-            ])
-            linked[-1] &= len(own) > 1
-            breaks = np.flatnonzero(~linked)
-            first = int(breaks[0]) + 1 if len(breaks) else 0  # a chain begins after a break
-            chain: list[int] = []
-            for place in (np.arange(len(own)) + first) % len(own):
-                chain.append(int(place))
-                if linked[place] and len(chain) < len(own):
-                    continue
-                edges = own[chain]
-                low, high = s[edges].min(), s[ends[chain]].max()
-                weight = np.abs(s[ends[chain]] - s[edges])
-                offset = float(np.average(0.5 * (t[edges] + t[ends[chain]]), weights=weight))
-                across = np.array([-along[1], along[0]])
-                yield low * along + offset * across, high * along + offset * across
-                chain = []
+    """Start and end (2,) of the straight fronts of an outline along directions (K, 2), the interior on their
+    left: edges along one direction that follow each other on a ring with no more than a jog between them.
+    """
+    whole = shapely.orient_polygons(outline)
+    for ring in (whole.exterior, *whole.interiors):
+        xy = np.asarray(ring.coords)[:-1, :2]
+        step = np.roll(xy, -1, axis=0) - xy
+        cosine = step @ directions.T / np.maximum(np.hypot(step[:, 0], step[:, 1]), CELL_M)[:, None]
+        nearest = np.argmax(np.abs(cosine), axis=1)
+        cosine = cosine[np.arange(len(xy)), nearest]
+        parallel = np.abs(cosine) >= np.cos(np.radians(limits.most_turn))
+        for k, sign in product(range(len(directions)), (-1.0, 1.0)):
+            along = sign * directions[k]
+            across = np.array([-along[1], along[0]])
+            s, t = xy @ along, xy @ across
+            for edges in chains_of(
+                np.flatnonzero(parallel & (nearest == k) & (cosine * sign > 0)), s, t, limits
+            ):
+                ends = (edges + 1) % len(xy)
+                offset = np.average(0.5 * (t[edges] + t[ends]), weights=s[ends] - s[edges])
+                if s[ends].max() - s[edges].min() >= limits.shortest_front:
+                    yield s[edges].min() * along + offset * across, s[ends].max() * along + offset * across
 
 
-def is_jog(s: NDArray[np.float64], t: NDArray[np.float64], end: int, start: int, jog: float) -> bool:
-    """Whether a ring of places s, t (N,) goes from vertex `end` on to `start` without leaving the front by
-    more than a jog."""
-    between = np.arange(end, start + 1 if start >= end else start + 1 + len(s)) % len(s)
-    return bool(np.ptp(t[between]) <= jog and s[start] >= s[end] - jog)
+def chains_of(
+    edges: NDArray[np.int64], s: NDArray[np.float64], t: NDArray[np.float64], limits: RowRules
+) -> list[NDArray[np.int64]]:
+    """The edges (K,) of a ring of places s, t (N,), by their first vertices, in chains: from each to the next
+    the ring leaves the front by no more than a jog."""
+    linked = []
+    for edge, following in zip(edges, np.roll(edges, -1), strict=True):
+        between = np.arange(edge + 1, following + 1 if following > edge else following + 1 + len(s)) % len(s)
+        back = s[between[0]] - s[following]
+        linked.append(np.ptp(t[between]) <= limits.jog and back <= limits.jog)
+    cuts = np.flatnonzero(~np.array(linked, bool))
+    return np.split(np.roll(edges, -cuts[0] - 1), cuts[1:] - cuts[0]) if len(cuts) else [edges] * bool(linked)
 
 
 def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
@@ -252,7 +235,9 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
 
     `directions` (K, 2) are unit vectors along which fronts run, and walls, where they do not stand upright.
     """
-    free = plan.outline
+    free: BaseGeometry = plan.outline
+    if len(directions) == 0:
+        return
     for start, end in sorted(fronts_of(plan.outline, directions, limits), key=by_length):
         along = (end - start) / np.hypot(*(end - start))
         upright = np.array([-along[1], along[0]])
@@ -368,7 +353,8 @@ def chords_of(
     place0, place1 = s0 / CELL_M - 0.5, s1 / CELL_M - 0.5
     # an edge crosses the lines from its one end up to, and without, its other
     low, high = (
-        np.clip(np.ceil(extreme(place0, place1)), 0, steps).astype(np.int64) for extreme in (np.minimum, np.maximum)
+        np.clip(np.ceil(extreme(place0, place1)), 0, steps).astype(np.int64)
+        for extreme in (np.minimum, np.maximum)
     )
     edge = np.repeat(np.arange(len(low)), high - low)
     step = np.arange(len(edge)) - np.repeat(np.cumsum(high - low) - high, high - low)
