@@ -12,7 +12,8 @@ it is missed when no outline of the window touches it, and cut when they cover l
 asked of windows that have all points of the survey, or each of them twice, rounded to a centimetre or finer;
 other kinds are other scenes. Twice the points look like a denser scan: of a sparse one less is drawn then.
 
-A window is made of its number alone: `--first N --number 1` makes it again. A log goes on where it ended.
+A window is made of its number alone: `--first N --number 1` makes it again, and keeps no table. A log goes on
+where it ended.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import os
 import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -34,7 +37,7 @@ import shapely
 from numpy.typing import NDArray
 
 import eaves
-from benchmarks.table import keep
+from benchmarks.table import as_markdown, keep
 from eaves.model import Bounds, Mask, Points
 
 SURVEYS = {
@@ -70,6 +73,7 @@ class Cloud:
     fields: NDArray[np.uint8]
 
     def take(self, some: Mask | NDArray[np.int64]) -> Cloud:
+        """Some of the points."""
         return Cloud(self.xyz[some], self.fields[some])
 
     def lifted(self, rise: Points | NDArray[np.float64]) -> Cloud:
@@ -81,27 +85,33 @@ Kind = Callable[[Cloud, np.random.Generator], Cloud]
 
 
 def thinned(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """A half to a fiftieth of the points."""
     return cloud.take(rng.random(len(cloud.xyz)) < rng.uniform(0.02, 0.5))
 
 
 def flat(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """All points at one height."""
     return cloud.lifted(rng.integers(-5, 500) - cloud.xyz[:, 2])
 
 
 def on_a_ramp(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """The scene on a slope of up to 0.7 along either axis."""
     away = cloud.xyz[:, :2] - cloud.xyz[:, :2].min(axis=0)
     return cloud.lifted(away @ rng.uniform(-0.7, 0.7, 2))
 
 
 def doubled(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """Each point twice."""
     return cloud.take(np.repeat(np.arange(len(cloud.xyz)), 2))
 
 
 def few(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """One to twelve of the points."""
     return cloud.take(rng.permutation(len(cloud.xyz))[: rng.integers(1, 13)])
 
 
 def with_holes(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """Without the points of six discs, each up to half as wide as the window."""
     xy = cloud.xyz[:, :2]
     middles, widest = xy[rng.integers(0, len(xy), 6)], float(np.ptp(xy, axis=0).max()) / 4.0
     radii = rng.uniform(0.0, widest, len(middles))
@@ -109,21 +119,25 @@ def with_holes(cloud: Cloud, rng: np.random.Generator) -> Cloud:
 
 
 def noisy(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """Heights scatter by 0.3 m, one in a hundred by 50 m."""
     stray = rng.random(len(cloud.xyz)) < 0.01
     return cloud.lifted(rng.normal(0.0, np.where(stray, 50.0, 0.3)))
 
 
 def half_lifted(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """The points east or north of the middle lifted by 3, 30 or 300 m."""
     axis = rng.integers(0, 2)
-    east = cloud.xyz[:, axis] > np.median(cloud.xyz[:, axis])
-    return cloud.lifted(east * rng.choice([3.0, 30.0, 300.0]))
+    beyond = cloud.xyz[:, axis] > np.median(cloud.xyz[:, axis])
+    return cloud.lifted(beyond * rng.choice([3.0, 30.0, 300.0]))
 
 
 def last_echoes(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """The last echo of each pulse."""
     return cloud.take(cloud.fields[:, 0] == cloud.fields[:, 1])
 
 
 def upside_down(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """What is high is low."""
     z = cloud.xyz[:, 2]
     return cloud.lifted(z.min() + z.max() - 2.0 * z)
 
@@ -165,6 +179,7 @@ class Survey:
 
     @cached_property
     def cloud(self) -> Cloud:
+        """All points, file by file."""
         read = [laspy.read(path) for path in self.files]
         xyz = np.concatenate([np.asarray(one.xyz) for one in read])
         fields = [np.column_stack([np.asarray(one[name], np.uint8) for name in NAMES]) for one in read]
@@ -175,7 +190,9 @@ class Survey:
         """The outlines of the whole that are large enough to be asked for."""
         points, out = self.folder / f"{self.name}.laz", self.folder / self.name
         write_points(self.cloud, points, 0.001)
-        found, _ = outlines_of(points, out)
+        found, failed = outlines_of(points, out)
+        if failed:
+            raise SystemExit(f"{self.name}: the whole survey failed, so nothing can be asked: {failed[0]}")
         return [one for one in found if one.area >= LEAST_M2]
 
 
@@ -264,7 +281,7 @@ def outlines_of(points: Path, out: Path) -> tuple[list[shapely.Polygon], tuple[s
     return list(shapely.from_wkb(found)), failed
 
 
-def judge(window: Window, survey: Survey, folder: Path) -> dict[str, object]:
+def judge(window: Window, survey: Survey, folder: Path) -> dict[str, Any]:
     """What became of a window."""
     points, out = folder / "window.laz", folder / f"window-{window.number}"
     write_points(window.cloud, points, window.step)
@@ -289,10 +306,30 @@ def judge(window: Window, survey: Survey, folder: Path) -> dict[str, object]:
     }
 
 
+def rows_by_kind(results: list[dict[str, Any]]) -> list[dict[str, object]]:
+    """The table: a row for each kind, and one for all."""
+    rows = []
+    for kind in (*KINDS, "all"):
+        of_kind = [one for one in results if kind in (one["kind"], "all")]
+        rows.append(
+            {
+                "kind": kind,
+                "windows": len(of_kind),
+                "points": sum(one["points"] for one in of_kind),
+                "outlines": sum(one["found"] for one in of_kind),
+                "failed": sum(bool(one["failed"]) for one in of_kind),
+                "outlines asked": sum(len(one["there"]) for one in of_kind),
+                "cut": sum(share < 0.5 for one in of_kind for share in one["there"]),
+                "missed": sum(len(one["missed"]) for one in of_kind),
+            }
+        )
+    return rows
+
+
 def main() -> None:
     """Build the windows and keep the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("data", type=Path)
+    parser.add_argument("data", type=Path, nargs="?", default=Path(os.environ.get("EAVES_DATA", "data")))
     parser.add_argument("--number", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--log", type=Path)
@@ -317,24 +354,11 @@ def main() -> None:
             if given.log:
                 with given.log.open("a") as log:
                     log.write(json.dumps(done[number]) + "\n")
-    results = [done[number] for number in range(given.first, given.first + given.number)]
-    rows = []
-    for kind in (*KINDS, "all"):
-        of_kind = [one for one in results if kind in (one["kind"], "all")]
-        rows.append(
-            {
-                "kind": kind,
-                "windows": len(of_kind),
-                "points": sum(one["points"] for one in of_kind),
-                "outlines": sum(one["found"] for one in of_kind),
-                "failed": sum(bool(one["failed"]) for one in of_kind),
-                "outlines asked": sum(len(one["there"]) for one in of_kind),
-                "cut": sum(share < 0.5 for one in of_kind for share in one["there"]),
-                "missed": sum(len(one["missed"]) for one in of_kind),
-            }
-        )
+    rows = rows_by_kind([done[number] for number in range(given.first, given.first + given.number)])
+    if given.first:
+        print(as_markdown(rows))
+        return
     command = f"python -m benchmarks.scale.windows DATA --number {given.number}"
-    command += f" --first {given.first}" if given.first else ""
     keep("windows", "Windows with round sides", rows, command, __doc__.split("\n\n")[3])
 
 
