@@ -14,7 +14,7 @@ from eaves.simulate import nine_roofs_on_a_slope
 def terrain(count: int = 20000, slope: float = 0.0) -> Points:
     rng = np.random.default_rng(1)
     xy = rng.uniform(0, 100, (count, 2))
-    return np.c_[xy, slope * xy[:, 0] + 0.05 * rng.standard_normal(count)]
+    return np.column_stack([xy, slope * xy[:, 0] + 0.05 * rng.standard_normal(count)])
 
 
 def found(xyz: Points) -> tuple[list[int], list[int]]:
@@ -39,7 +39,7 @@ def echoes(rng: np.random.Generator, clusters: int = 30) -> Points:
     """Clusters of ten within a metre, 0.8 to 4 m under level ground."""
     centres, depth = rng.uniform(5, 95, (clusters, 2)), rng.uniform(0.8, 4.0, clusters)
     xy = np.repeat(centres, 10, axis=0) + rng.uniform(-1, 1, (10 * clusters, 2))
-    return np.c_[xy, -np.repeat(depth, 10) - rng.uniform(0, 0.4, 10 * clusters)]
+    return np.column_stack([xy, -np.repeat(depth, 10) - rng.uniform(0, 0.4, 10 * clusters)])
 
 
 @pytest.mark.parametrize("density", [8, 20])

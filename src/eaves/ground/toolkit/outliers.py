@@ -19,8 +19,8 @@ SIDE_M, SIDE_SPACINGS = 1.0, 3.0
 """Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
 cell's nine points is ground. Echoes that come late together lie within a metre of each other."""
 RING, RING_SHARE = (3, 4), 8
-"""A cell is compared with those 3 and 4 cells away, for a cluster of echoes meets three in a row. The surface is
-as low as an eighth of them: roofs and crowns may fill the rest, other echoes not so much."""
+"""A cell is compared with those 3 and 4 cells away, for a cluster of echoes meets three in a row. The
+surface is as low as an eighth of them: roofs and crowns may fill the rest, other echoes not so much."""
 DEPTH_M, REACH_SPACINGS = 0.3, 2.0
 """Echoes lie deeper under the surface than 0.3 m, with which the filters bear, and than two spacings: within
 as much in plan points cover those under them, and no terrain up to 45° does."""
@@ -53,7 +53,7 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     And that surface, or what stands on it, goes on above it: most points as low, within a cell of it, have
     higher ones on all sides within two spacings in plan. A well, a ramp or a cellar has nothing above but at
     its walls, a slope nothing downhill. Once those found are gone others show, so it is done until there is
-    none: the deepest are found first.
+    none: the deepest are found first; and once more in cells three times as wide, for sheets of echoes.
 
     High: the plane is cut into wide cells, and once more into cells shifted by half a side, so that a group
     is whole in one of them. The highest points of a cell that a gap parts from the rest are outliers when no
@@ -64,12 +64,14 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     if len(xyz) < GROUP:
         return low, high
     spacing, bounds = measure_spacing(xyz), Bounds.of(xyz)
-    side, reach = max(SIDE_M, SIDE_SPACINGS * spacing), REACH_SPACINGS * spacing
-    while (bounds.width / side + 2.0) * (bounds.height / side + 2.0) > TABLE_CELLS * len(xyz):
-        side *= 2.0  # points far apart are rare
-    place = cells_of(bounds, side, 0.0)
-    cells = Cells(*place, *order_kernel(xyz, *place))
-    mark_low_kernel(xyz, cells, ring_of(*RING), max(DEPTH_M, reach), reach, low)
+    reach = REACH_SPACINGS * spacing
+    for times in (1, 3):
+        side = times * max(SIDE_M, SIDE_SPACINGS * spacing)
+        while (bounds.width / side + 2.0) * (bounds.height / side + 2.0) > TABLE_CELLS * len(xyz):
+            side *= 2.0  # points far apart are rare
+        place = cells_of(bounds, side, 0.0)
+        cells = Cells(*place, *order_kernel(xyz, *place))
+        mark_low_kernel(xyz, cells, ring_of(*RING), max(DEPTH_M, reach), reach, low)
     for shift in (0.0, 0.5):
         place = cells_of(bounds, CELL_M * max(1.0, spacing), shift)
         mark_high_kernel(xyz, *place[:2], ceiling_kernel(highest_kernel(xyz, *place)), high)
@@ -102,7 +104,7 @@ def place_of(xyz: Points, i: int, corner: Values, side: float) -> Any:
 def order_kernel(
     xyz: Points, corner: Values, side: float, rows: int, columns: int
 ) -> tuple[Integers, NDArray[np.int32]]:
-    """The last fields of `Cells`: where each cell begins (rows · columns + 1), and the points (N,) by cell."""
+    """The last fields of `Cells`: where each cell begins (rows · columns + 1), and the points by cell."""
     first, order = np.zeros(rows * columns + 2, np.int64), np.empty(len(xyz), np.int32)
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
@@ -118,7 +120,7 @@ def order_kernel(
 
 @kernel
 def mark_low_kernel(xyz: Points, cells: Cells, ring: Integers, depth: float, reach: float, low: Mask) -> None:
-    """Mark in `low` (N,) the low outliers, which lie deeper than `depth` (m) under what there is within `reach`
+    """Mark in `low` (N,) the low outliers, which lie deeper than `depth` (m) under what is within `reach`
     (m), round by round; a round judges all cells on the same surface.
     """
     rows, columns, away = cells.rows, cells.columns, 2 * ring.max()
@@ -157,8 +159,8 @@ def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: f
     """The level that the surface around a cell (rows, columns) has there; -inf where that is no more than
     `depth` (m) over its lowest point, or unknown.
 
-    A slope goes on: where the surface falls from a cell of the ring to that twice as far, half of that is added;
-    the edge of a roof falls, too.
+    A slope goes on: where the surface falls from a cell of the ring to that twice as far, half of that is
+    added; the edge of a roof falls, too.
     """
     around, count, as_low, least = np.empty(len(ring)), 0, 0, lowest[row, column] + depth
     for k in range(len(ring)):
