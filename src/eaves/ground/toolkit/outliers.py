@@ -24,6 +24,9 @@ surface is as low as an eighth of them: roofs and crowns may fill the rest, othe
 DEPTH_M, REACH_SPACINGS = 0.3, 2.0
 """Echoes lie deeper under the surface than 0.3 m, with which the filters bear, and than two spacings: within
 as much in plan points cover those under them, and no terrain up to 45° does."""
+LONELY = 3
+"""With fewer points within as much, where a dozen are usual, a point is no ground that the scan saw: echoes come
+late where it saw nothing, too, and past its rim."""
 CELL_M = 10.0
 """Side of the cells whose highest points are compared: 10 m, or ten spacings (about a hundred points) in thin
 data. A high group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
@@ -48,12 +51,13 @@ class Cells(NamedTuple):
 def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     """Masks (N,) of low and of high outliers.
 
-    A low outlier is told by two things. It lies under the surface that the lowest points around make: where
-    ground goes on at its level, as it does under crowns, along ditches and in corners of courts, it is none.
-    And that surface, or what stands on it, goes on above it: most points as low, within a cell of it, have
-    higher ones on all sides within two spacings in plan. A well, a ramp or a cellar has nothing above but at
-    its walls, a slope nothing downhill. Once those found are gone others show, so it is done until there is
-    none: the deepest are found first; and once more in cells three times as wide, for sheets of echoes.
+    A low outlier is told by two things. It lies under the surface that the lowest points around make:
+    where ground goes on at its level, as it does under crowns, along ditches and in corners of courts, it
+    is none. And that surface, or what stands on it, goes on above it: most points as low, within a cell
+    of it, have higher ones on all sides within two spacings in plan. A well, a ramp or a cellar has
+    nothing above but at its walls, a slope nothing downhill. Where there is hardly another point, that
+    counts as much. Once those found are gone others show, so it is done until there is none: the deepest
+    are found first; and once more in cells three times as wide, for sheets of echoes.
 
     High: the plane is cut into wide cells, and once more into cells shifted by half a side, so that a group
     is whole in one of them. The highest points of a cell that a gap parts from the rest are outliers when no
@@ -205,19 +209,24 @@ def are_covered(
 
 @kernel
 def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -> bool:
-    """Whether points over `middle` (m) lie all around a point within `reach` (m) in plan, not to one side."""
+    """Whether points over `middle` (m) lie all around a point within `reach` (m) in plan, not to one side; or
+    hardly any point lies there.
+    """
     x, y, west, south = xyz[i, 0], xyz[i, 1], cells.corner[0], cells.corner[1]
     left = max(0, int((x - reach - west) / cells.side))
     right = min(cells.columns - 1, int((x + reach - west) / cells.side))
     bottom = max(0, int((y - reach - south) / cells.side))
     top = min(cells.rows - 1, int((y + reach - south) / cells.side))
-    ax, ay, bx, by, seen = 0.0, 0.0, 0.0, 0.0, False  # they are seen from a, counter-clockwise to b
+    ax, ay, bx, by, seen, near = 0.0, 0.0, 0.0, 0.0, False, 0  # they are seen from a, counter-clockwise to b
     for r in range(bottom, top + 1):
         cell = r * cells.columns
         for k in range(cells.first[cell + left], cells.first[cell + right + 1]):
             j = cells.order[k]
             u, v = xyz[j, 0] - x, xyz[j, 1] - y
-            if xyz[j, 2] <= middle or not 0.0 < u * u + v * v <= reach * reach:
+            if not 0.0 < u * u + v * v <= reach * reach:
+                continue
+            near += 1
+            if xyz[j, 2] <= middle:
                 continue
             after_a, after_b = ax * v - ay * u, bx * v - by * u
             if not seen:
@@ -228,7 +237,7 @@ def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -
                 ax, ay = u, v
             elif after_b > 0.0 or (after_a == after_b == 0.0 and ax * u + ay * v < 0.0):
                 bx, by = u, v
-    return False
+    return near < LONELY
 
 
 @kernel
