@@ -18,15 +18,16 @@ from eaves.model import Bounds, Integers, Mask, PointCloud, Points, Values
 SIDE_M, SIDE_SPACINGS = 1.0, 3.0
 """Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
 cell's nine points is ground. Echoes that come late together lie within a metre of each other."""
-RING, RING_SHARE = (3, 4), 8
+RING, RING_SHARE = (3, 4), 6
 """A cell is compared with those 3 and 4 cells away, for a cluster of echoes meets three in a row. The
-surface is as low as an eighth of them: roofs and crowns may fill the rest, other echoes not so much."""
+surface is as low as a sixth of them: roofs and crowns may fill the rest, other echoes not so much."""
 DEPTH_M, REACH_SPACINGS = 0.3, 2.0
-"""Echoes lie deeper under the surface than 0.3 m, with which the filters bear, and than two spacings: within
-as much in plan points cover those under them, and no terrain up to 45° does."""
+"""Echoes lie deeper under the surface than 0.3 m, with which the filters bear, and in wider cells than that
+times the square of their width: so far curved terrain leaves a plane. Points within two spacings in plan, a
+dozen, cover those under them."""
 LONELY = 3
-"""With fewer points within as much, where a dozen are usual, a point is no ground that the scan saw: echoes come
-late where it saw nothing, too, and past its rim."""
+"""With fewer points within as much, where a dozen are usual, a point is no ground that the scan saw: echoes
+come late where it saw nothing, too, and past its rim."""
 CELL_M = 10.0
 """Side of the cells whose highest points are compared: 10 m, or ten spacings (about a hundred points) in thin
 data. A high group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
@@ -69,13 +70,14 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
         return low, high
     spacing, bounds = measure_spacing(xyz), Bounds.of(xyz)
     reach = REACH_SPACINGS * spacing
+    wide = max(1.0, SIDE_SPACINGS * spacing / SIDE_M)
     for times in (1, 3):
-        side = times * max(SIDE_M, SIDE_SPACINGS * spacing)
+        side = times * SIDE_M * wide
         while (bounds.width / side + 2.0) * (bounds.height / side + 2.0) > TABLE_CELLS * len(xyz):
             side *= 2.0  # points far apart are rare
         place = cells_of(bounds, side, 0.0)
         cells = Cells(*place, *order_kernel(xyz, *place))
-        mark_low_kernel(xyz, cells, ring_of(*RING), max(DEPTH_M, reach), reach, low)
+        mark_low_kernel(xyz, cells, ring_of(*RING), DEPTH_M * wide**2, reach, low)
     for shift in (0.0, 0.5):
         place = cells_of(bounds, CELL_M * max(1.0, spacing), shift)
         mark_high_kernel(xyz, *place[:2], ceiling_kernel(highest_kernel(xyz, *place)), high)
