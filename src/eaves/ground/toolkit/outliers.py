@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import TABLE_CELLS, measure_spacing
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Bounds, Integers, Mask, PointCloud, Points, Values
+from eaves.model import Bounds, Grid, Integers, Mask, PointCloud, Points, Values
 
 SIDE_M, SIDE_SPACINGS = 1.0, 3.0
 """Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
@@ -183,6 +183,28 @@ def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: f
         return -np.inf
     level = float(np.sort(around[:count])[count // RING_SHARE])
     return level if level > least else -np.inf
+
+
+def without_pits(heights: Grid, depth: float) -> Grid:
+    """A surface (H, W), NaN where there is none, raised to what is around where it lies deeper than `depth`
+    (m) in a pit narrower than the ring: no more than what is wide needs to know."""
+    return np.asarray(fill_kernel(np.nan_to_num(heights, nan=np.inf), ring_of(*RING), depth), np.float32)
+
+
+@kernel
+def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
+    """The surface (rows, columns), inf where there is none, without pits, and NaN for inf."""
+    filled, deep = lowest.astype(np.float64), True
+    while deep:
+        before, deep = filled.copy(), False
+        for row in range(filled.shape[0]):
+            for column in range(filled.shape[1]):
+                level = -np.inf
+                if before[row, column] < np.inf:
+                    level = level_around(before, row, column, ring, depth)
+                if level > -np.inf:
+                    filled[row, column], deep = level, True
+    return np.where(filled == np.inf, np.nan, filled)
 
 
 @inlined_kernel
