@@ -148,8 +148,7 @@ def block_json(value: object) -> NDArray[np.uint8]:
 def ground_cells(result: BlockResult) -> NDArray[np.uint8]:
     """1 for the cells (H, W) of the terrain that hold a ground point: elsewhere it is interpolated."""
     dtm, ground = result.dtm, result.xyz[result.classification == GROUND]
-    column = np.floor((ground[:, 0] - dtm.west) / dtm.cell).astype(np.int64)
-    row = np.floor((dtm.north - ground[:, 1]) / dtm.cell).astype(np.int64)
+    row, column = dtm.cell_of(ground)
     cells = np.zeros(dtm.shape, np.uint8)
     cells[np.clip(row, 0, dtm.shape[0] - 1), np.clip(column, 0, dtm.shape[1] - 1)] = 1
     return cells

@@ -22,7 +22,7 @@ from eaves.geometry.roof_fit import RoofFaces
 from eaves.model import Bounds, CoordinateSystem, Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.raster.grid import cell_centres, highest_points, whole_cells
+from eaves.raster.grid import cell_centres, empty_raster, highest_points, whole_cells
 
 CELL = 0.5
 """Side (m) of the cells, unless a raster has its own."""
@@ -108,9 +108,7 @@ def common_grid(result: BuildingSource, reference: BuildingSource, cell: float =
         boxes = boxes[:1]
     if not boxes:
         return Raster(np.zeros((1, 1), np.float32), 0.0, cell, cell)
-    whole = whole_cells(reduce(Bounds.union, boxes), cell)
-    shape = (max(1, round(whole.height / cell)), max(1, round(whole.width / cell)))
-    return Raster(np.zeros(shape, np.float32), whole.west, whole.north, cell)
+    return empty_raster(whole_cells(reduce(Bounds.union, boxes), cell), cell, 0.0)
 
 
 def burn_labels(polygons: Sequence[Polygon | MultiPolygon], grid: Raster) -> Numbers:

@@ -26,9 +26,10 @@ def whole_cells(bounds: Bounds, cell: float) -> Bounds:
 
     A cell holds its west and its north side, as `Raster.cell_of` counts.
     """
-    west, north = np.floor(bounds.west / cell) * cell, np.ceil(bounds.north / cell) * cell
-    east, south = (np.floor(bounds.east / cell) + 1) * cell, (np.ceil(bounds.south / cell) - 1) * cell
-    return Bounds(float(west), float(south), float(east), float(north))
+    west = min(np.floor(bounds.west / cell) * cell, bounds.west)  # a product may lie beside its quotient
+    north = max(np.ceil(bounds.north / cell) * cell, bounds.north)
+    columns, rows = np.floor((bounds.east - west) / cell) + 1, np.floor((north - bounds.south) / cell) + 1
+    return Bounds(float(west), float(north - rows * cell), float(west + columns * cell), float(north))
 
 
 def cell_centres(raster: Raster) -> Points:

@@ -39,8 +39,8 @@ class Limits:
 class Tolerances(NamedTuple):
     """How far points may lie off the surface.
 
-    `level` (H, W), m, holds at the middles of squares of a `side` (m), whose first has its south-west corner
-    at `west`, `south`; each weighs as much as the points (H, W) that it was measured with. It is `usual` (m)
+    `level` (H, W), m, holds at the middles of squares of a `side` (m), whose first has its north-west corner
+    at `west`, `north`; each weighs as much as the points (H, W) that it was measured with. It is `usual` (m)
     far from all.
     """
 
@@ -48,7 +48,7 @@ class Tolerances(NamedTuple):
     weight: Values
     usual: float
     west: float
-    south: float
+    north: float
     side: float
 
 
@@ -283,7 +283,7 @@ def residual_kernel(
 @inlined_kernel
 def tolerance_at(level: Tolerances, x: float, y: float) -> Any:
     """The tolerance (m) at (x, y), from the squares around."""
-    row, column = (y - level.south) / level.side - 0.5, (x - level.west) / level.side - 0.5
+    row, column = (level.north - y) / level.side - 0.5, (x - level.west) / level.side - 0.5
     first, left = int(np.floor(row)), int(np.floor(column))
     total, weight = 0.0, 0.0
     for r in range(max(first, 0), min(first + 2, level.level.shape[0])):

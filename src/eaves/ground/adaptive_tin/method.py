@@ -28,7 +28,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points, Values
 from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
-from eaves.raster.grid import whole_cells
+from eaves.raster.grid import empty_raster, whole_cells
 
 
 class AdaptiveTin(Rim, Opening, GroundMethod):
@@ -252,17 +252,14 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     ) -> Tolerances:
         """The tolerances of surfaces as rough as the seeds (K,), by their residuals (K,), show them here and
         there: floors of quarries and streets are not alike."""
-        side = self.buffer
-        bounds = whole_cells(bounds, side)
-        rows, columns = round(bounds.height / side), round(bounds.width / side)
-        row, column = ((xyz[seeds, k] - low) / side for k, low in ((1, bounds.south), (0, bounds.west)))
-        square, count = row.astype(np.int64) * columns + column.astype(np.int64), rows * columns
-        rough = np.nan_to_num(group_percentiles(residual, square, count, 50.0)).reshape(rows, columns)
+        squares = empty_raster(whole_cells(bounds, self.buffer), self.buffer)
+        square, count = np.ravel_multi_index(squares.cell_of(xyz[seeds]), squares.shape), squares.values.size
+        rough = np.nan_to_num(group_percentiles(residual, square, count, 50.0)).reshape(squares.shape)
         return Tolerances(
             np.clip(self.tolerance_gain * rough, self.tolerance_least, self.tolerance_most),
-            np.bincount(square, minlength=count).reshape(rows, columns).astype(np.float64),
+            np.bincount(square, minlength=count).reshape(squares.shape).astype(np.float64),
             self.tolerance(float(np.median(residual)) if len(seeds) else 0.0),
-            bounds.west,
-            bounds.south,
-            side,
+            squares.west,
+            squares.north,
+            squares.cell,
         )

@@ -10,7 +10,7 @@ from eaves.model.block import extremes
 from eaves.model.cloud import GRID_STEP
 from eaves.model.doubt import Doubt
 from eaves.model.scene import DOUBTFUL
-from eaves.raster.grid import EMPTY, lowest_points, whole_cells
+from eaves.raster.grid import EMPTY, empty_raster, lowest_points, whole_cells
 from eaves.raster.groups import BESIDE, neighbour_pairs
 
 REASON = "ground or not: it ends without a step here, or as the cells are laid"
@@ -22,17 +22,15 @@ def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> M
 
     Objects end in walls, and terrain ends nowhere: where there is none, one of the two was misjudged.
     """
-    bounds = whole_cells(Bounds.of(xyz), cell)
-    number = lowest_points(xyz, bounds, cell)
+    cells = empty_raster(whole_cells(Bounds.of(xyz), cell), cell)
+    number = lowest_points(xyz, cells.bounds, cell)
     one, other = neighbour_pairs(number != EMPTY, steps=BESIDE)
     lowest = number.ravel()
     a, b = lowest[one], lowest[other]
     open_ = (ground[a] != ground[b]) & (np.abs(xyz[a, 2] - xyz[b, 2]) <= step)
-    marked = np.zeros(number.size, bool)
-    marked[one[open_]] = marked[other[open_]] = True
-    row = np.minimum((bounds.north - xyz[:, 1]) / cell, number.shape[0] - 1).astype(np.int64)
-    column = np.minimum((xyz[:, 0] - bounds.west) / cell, number.shape[1] - 1).astype(np.int64)
-    return np.asarray(marked[row * number.shape[1] + column])
+    marked = np.zeros(number.shape, bool)
+    marked.flat[one[open_]] = marked.flat[other[open_]] = True
+    return np.asarray(marked[cells.cell_of(xyz)])
 
 
 def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.ground.toolkit.outliers import without_pits
 from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
@@ -87,11 +88,12 @@ class Floor:
 
     def heights(self) -> Grid:
         """The height (H, W) of each cell: its lowest, or the second where the lowest of at least
-        `STRAY_POINTS` lies more than `STRAY_DEPTH_M` under it: an echo from below the ground.
+        `STRAY_POINTS` lies more than `STRAY_DEPTH_M` under it: an echo from below the ground. Pits as deep
+        are filled: clusters of such echoes, wells.
         """
         with np.errstate(invalid="ignore"):
             stray = (self.count >= STRAY_POINTS) & (self.second - self.lowest > STRAY_DEPTH_M)
-        return np.where(stray, self.second, self.lowest).astype(np.float32)
+        return without_pits(np.where(stray, self.second, self.lowest), STRAY_DEPTH_M)
 
     @classmethod
     def empty(cls, bounds: Bounds) -> Floor:
