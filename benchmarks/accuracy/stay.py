@@ -149,8 +149,8 @@ def main() -> None:
         "Outlines that stay where nothing changes",
         [{column: row.get(column) for column in columns} for row in rows],
         "python -m benchmarks.accuracy.stay DATA",
-        "From bare points by the command's steps. The drawn towns chose nothing; Delft was looked at while rows "
-        "of houses were worked on; no weight is fitted on it, nor on Williams.",
+        "From bare points by the steps of the command. The drawn towns chose nothing; Delft was looked at "
+        "while rows of houses were worked on; no weight is fitted on it, nor on Williams.",
     )
 
 
