@@ -12,21 +12,20 @@ NEAR = 2
 """Divisions with a wall within so many steps agree on it."""
 
 LEAST = float(np.finfo(np.float64).tiny)
-"""The impossible is this likely, so that its logarithm is finite."""
+"""Where no division is possible, their sum is this, so that shares are finite."""
 
 
-def chances_of(odds: Values, width_odds: Values) -> tuple[float, Values]:
-    """Logarithm of the sum over all divisions of their products, and the share (S + 1,) of it that has a wall
-    at each step.
+def chances_of(odds: Values, width_odds: Values, prior: Values) -> Values:
+    """The share (S + 1,) of all divisions that have a wall at each step, each as likely as its product.
 
-    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds` (S + 1,):
-    forward-backward sums over all divisions [rabiner1989].
+    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds`
+    (U, S + 1), of which one row holds for all units, each row as likely as its `prior` (U,): forward-backward
+    sums over all divisions [rabiner1989].
     """
-    forward = forward_kernel(odds, width_odds)
-    total = max(forward[-1], LEAST)
-    chance = forward * backward_kernel(odds, width_odds) / total
+    forward, backward = sums_kernel(odds, width_odds)
+    chance = prior @ (forward * backward) / max(float(prior @ forward[:, -1]), LEAST)
     chance[[0, -1]] = 0.0
-    return float(np.log(total)), chance
+    return np.asarray(chance)
 
 
 def likely_walls(chance: Values, least: float) -> tuple[NDArray[np.int64], Values]:
@@ -49,29 +48,20 @@ def likely_walls(chance: Values, least: float) -> tuple[NDArray[np.int64], Value
 
 
 @kernel
-def forward_kernel(odds: Values, width_odds: Values) -> Values:
-    """For each step the sum over all divisions up to it that have a wall there; the first and the last
-    step are walls of odds 1.
+def sums_kernel(odds: Values, width_odds: Values) -> tuple[Values, Values]:
+    """For each row of widths (U, S + 1) and each step the sum over all divisions up to it with a wall there,
+    and that over all after it, its own odds left out; the first and the last step are walls of odds 1.
     """
-    count = len(odds)
-    total = np.zeros(count)
-    total[0] = 1.0
-    for end in range(1, count):
-        own = 0.0
-        for start in range(end):
-            own += total[start] * width_odds[end - start]
-        total[end] = own * odds[end] if end < count - 1 else own
-    return total
-
-
-@kernel
-def backward_kernel(odds: Values, width_odds: Values) -> Values:
-    """For each step the sum over all divisions after it, its own odds left out."""
-    count = len(odds)
-    total = np.zeros(count)
-    total[count - 1] = 1.0
-    for start in range(count - 2, -1, -1):
-        for end in range(start + 1, count):
-            own = odds[end] if end < count - 1 else 1.0
-            total[start] += width_odds[end - start] * own * total[end]
-    return total
+    rows, count = width_odds.shape
+    forward, backward = np.zeros((rows, count)), np.zeros((rows, count))
+    forward[:, 0] = backward[:, count - 1] = 1.0
+    for row in range(rows):
+        for end in range(1, count):
+            for start in range(end):
+                forward[row, end] += forward[row, start] * width_odds[row, end - start]
+            forward[row, end] *= odds[end] if end < count - 1 else 1.0
+        for start in range(count - 2, -1, -1):
+            for end in range(start + 1, count):
+                own = odds[end] if end < count - 1 else 1.0
+                backward[row, start] += width_odds[row, end - start] * own * backward[row, end]
+    return forward, backward

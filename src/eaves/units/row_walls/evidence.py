@@ -75,7 +75,7 @@ def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float6
     return np.asarray(signs_kernel(moments, np.clip(within, 0.0, 1.0), round(WINDOW_M / CELL_M), noise))
 
 
-WEIGHTS = {"one": -4.71, "share": 6.12, "ridge": -12.28, "full valley": 2.99}
+WEIGHTS = {"one": -4.7, "share": 6.13, "ridge": -12.59, "full valley": 3.03}
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
 
 

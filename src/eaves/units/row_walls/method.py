@@ -129,13 +129,13 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step."""
         width = np.maximum(np.arange(len(log_odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / (2.0 * self.likeness)) ** 2)
-        odds = np.exp(log_odds)
-        widths = [broad, *(self.regular_width(width, usual, broad) for usual in self.usual_widths(row))]
-        totals, chances = zip(*(chances_of(odds, one) for one in widths), strict=True)
-        likely = np.array(totals)
-        likely[0] += self.regular_gain
-        share = np.exp(likely - likely.max())
-        return RowUnits(row, *likely_walls(share @ np.array(chances) / share.sum(), self.least_sure))
+        widths = np.array(
+            [broad, *(self.regular_width(width, usual, broad) for usual in self.usual_widths(row))]
+        )
+        prior = np.ones(len(widths))
+        prior[0] = np.exp(self.regular_gain)
+        chance = chances_of(np.exp(log_odds), widths, prior)
+        return RowUnits(row, *likely_walls(chance, self.least_sure))
 
     def usual_widths(self, row: HouseRow) -> list[float]:
         """The widths (m) that most units of a regular row may have; three at least stand in it."""

@@ -48,7 +48,7 @@ class RowRules(Method):
         gt=0.0,
     )
     most_deeper: float = parameter(
-        1.5,
+        2.0,
         "Where ground is deeper than this many times the row's median depth, another row stands behind.",
         gt=1.0,
     )

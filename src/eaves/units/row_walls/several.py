@@ -12,7 +12,7 @@ from eaves.units.row_walls.chain import NEAR
 from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.rows import HOUSE_M
 
-WEIGHTS = {"one": -5.81, "units": 3.47, "density": 0.69, "depth": -5.98, "second": 0.69}
+WEIGHTS = {"one": -5.74, "units": 3.43, "density": 0.7, "depth": -5.85, "second": 0.71}
 """Of the traits in the log-odds that a block is several buildings; learned by
 `python -m benchmarks.accuracy.unit_weights` on towns and on drawn houses, halls and rows.
 """
