@@ -26,8 +26,8 @@ WINDOW_M = 2.0
 FEWEST = 3
 """Fewer points on one side of a metre say nothing of it."""
 
-GAP, WIDE = 1, 3
-"""Steps left out beside a wall, and where the points next to it lie on no plane: gutters, shadows."""
+WIDE = 3
+"""Steps left out beside a wall where the points next to it lie on no plane: gutters, shadows; else one."""
 
 CROSSING_M = 0.6
 """Planes that cross this near (m) to a place meet there in a fold and make no step."""
@@ -144,7 +144,7 @@ def side_kernel(
     """
     left, count, height, slope = 1.0, 0.0, 0.0, 0.0
     for tried in range(6):
-        width, gap = room >> (tried % 3), GAP if tried < 3 else WIDE
+        width, gap = room >> (tried % 3), 1 if tried < 3 else WIDE
         low, high = (at - gap - width, at - gap) if way < 0 else (at + gap, at + gap + width)
         low, high = max(low, 0), min(high, len(sums) - 1)
         if low >= high:
