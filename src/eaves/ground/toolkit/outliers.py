@@ -193,17 +193,19 @@ def without_pits(heights: Grid, depth: float) -> Grid:
 
 @kernel
 def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
-    """The surface (rows, columns), inf where there is none, without pits, and NaN for inf."""
-    filled, deep = lowest.astype(np.float64), True
-    while deep:
-        before, deep = filled.copy(), False
-        for row in range(filled.shape[0]):
-            for column in range(filled.shape[1]):
-                level = -np.inf
-                if before[row, column] < np.inf:
-                    level = level_around(before, row, column, ring, depth)
-                if level > -np.inf:
-                    filled[row, column], deep = level, True
+    """The surface (rows, columns), inf where there is none, without pits, and NaN for inf. A round judges the
+    cells near those that changed, all on the same surface.
+    """
+    filled, look, away = lowest.astype(np.float64), np.ones(lowest.shape, np.bool_), 2 * ring.max()
+    while look.any():
+        row, column = np.nonzero(look)
+        level = [level_around(filled, row[k], column[k], ring, depth) for k in range(len(row))]
+        look[:] = False
+        for k in range(len(row)):
+            if level[k] > -np.inf:
+                filled[row[k], column[k]] = level[k]
+                top, left = max(0, row[k] - away), max(0, column[k] - away)
+                look[top : row[k] + away + 1, left : column[k] + away + 1] = True
     return np.where(filled == np.inf, np.nan, filled)
 
 
