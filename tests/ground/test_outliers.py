@@ -51,6 +51,14 @@ def test_clusters_of_late_echoes_are_found(density: int) -> None:
     assert sum(number < len(ground) for number in low) == 0
 
 
+def test_late_echoes_under_a_slope_are_found() -> None:
+    ground, late = terrain(200000, slope=0.4), echoes(np.random.default_rng(3))
+    late[:, 2] += 0.4 * late[:, 0]
+    low = find_outliers(PointCloud(np.r_[ground, late]))[0]
+    assert low[len(ground) :].mean() > 0.99
+    assert low[: len(ground)].mean() < 1e-4
+
+
 def test_late_echoes_change_no_class_but_few() -> None:
     scene = nine_roofs_on_a_slope(density=8.0)
     cloud = scene.cloud.with_(classification=None)

@@ -165,15 +165,17 @@ def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: f
     """The level that the surface around a cell (rows, columns) has there; -inf where that is no more than
     `depth` (m) over its lowest point, or unknown.
 
-    A slope goes on: where the surface falls from a cell of the ring to that twice as far, half of that is
-    added; the edge of a roof falls, too.
+    A slope goes on: a cell of the ring counts as high as the surface is halfway to the cell across, but no
+    higher than where what falls from it to the cell twice as far leads back to. A plane is met as it is.
     """
     around, count, as_low, least = np.empty(len(ring)), 0, 0, lowest[row, column] + depth
     for k in range(len(ring)):
         z = height_at(lowest, row + ring[k, 0], column + ring[k, 1])
         if z == np.inf:
             continue
-        z += 0.5 * max(0.0, z - height_at(lowest, row + 2 * ring[k, 0], column + 2 * ring[k, 1]))
+        beyond = height_at(lowest, row + 2 * ring[k, 0], column + 2 * ring[k, 1])
+        across = height_at(lowest, row - ring[k, 0], column - ring[k, 1])
+        z += max(0.0, min(z - beyond, 0.5 * (across - z)))
         around[count] = z
         count += 1
         as_low += z <= least
@@ -193,17 +195,19 @@ def without_pits(heights: Grid, depth: float) -> Grid:
 
 @kernel
 def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
-    """The surface (rows, columns), inf where there is none, without pits, and NaN for inf."""
-    filled, deep = lowest.astype(np.float64), True
-    while deep:
-        before, deep = filled.copy(), False
-        for row in range(filled.shape[0]):
-            for column in range(filled.shape[1]):
-                level = -np.inf
-                if before[row, column] < np.inf:
-                    level = level_around(before, row, column, ring, depth)
-                if level > -np.inf:
-                    filled[row, column], deep = level, True
+    """The surface (rows, columns), inf where there is none, without pits, and NaN for inf. A round judges the
+    cells near those that changed, all on the same surface.
+    """
+    filled, look, away = lowest.astype(np.float64), np.ones(lowest.shape, np.bool_), 2 * ring.max()
+    while look.any():
+        row, column = np.nonzero(look)
+        level = [level_around(filled, row[k], column[k], ring, depth) for k in range(len(row))]
+        look[:] = False
+        for k in range(len(row)):
+            if level[k] > -np.inf:
+                filled[row[k], column[k]] = level[k]
+                top, left = max(0, row[k] - away), max(0, column[k] - away)
+                look[top : row[k] + away + 1, left : column[k] + away + 1] = True
     return np.where(filled == np.inf, np.nan, filled)
 
 
