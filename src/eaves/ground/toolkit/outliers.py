@@ -52,7 +52,7 @@ class Cells(NamedTuple):
 def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     """Masks (N,) of low and of high outliers.
 
-    A low outlier is told by two things. It lies under the surface that the lowest points around make:
+    Two things make a low outlier. It lies under the surface that the lowest points around make:
     where ground goes on at its level, as it does under crowns, along ditches and in corners of courts, it
     is none. And that surface, or what stands on it, goes on above it: most points as low, within a cell
     of it, have higher ones on all sides within two spacings in plan. A well, a ramp or a cellar has
