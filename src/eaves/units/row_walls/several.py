@@ -20,6 +20,9 @@ WEIGHTS = {"one": -5.16, "units": 4.01, "density": 0.38, "depth": -5.96, "second
 MOST_UNITS = 8
 """More units prove no more: a factory of a hundred bays would outweigh its depth."""
 
+SURE = 0.5
+"""Log-odds with which a block is divided: where one building is nearly as likely, that is simpler."""
+
 LEAST_ODDS, MOST_ODDS = -2.0, 4.0
 """Log-odds of the second wall count within these; a block with one wall has the least.
 """
