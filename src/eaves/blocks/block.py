@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +16,21 @@ from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
+from eaves.model.block import SEAM
 from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
-from eaves.recipe.recipe import SEAM, Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS
 from eaves.run.store import Places, Store, Task
 from eaves.surroundings.decks import Decks, wet_or_bridged
 from eaves.surroundings.vegetation import vegetation_classes
 from eaves.surroundings.wires import find_towers, find_wires
+
+if TYPE_CHECKING:
+    from eaves.recipe.recipe import Recipe
 
 
 def block_pass(
@@ -101,7 +105,7 @@ def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
     if wide is not None:
         local = seen.translated(-block.origin[0], -block.origin[1])
         beneath += [wide.terrain_beneath(local, block.origin), wide.doubts_in(block.bounds)]
-    taken = store.key_of(BLOCKS.key(recipe), cloud, beneath)
+    taken = store.key_of(BLOCKS.key(recipe, store.system), cloud, beneath)
     if store.recalls(BLOCKS, block, task.read, taken):
         return
     result = block_pass(cloud, block, recipe, wide, decks)

@@ -8,7 +8,7 @@ way the terrain goes on at a rim are measured in what a filter sees. So a filter
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,13 @@ from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, PointCloud
 from eaves.model.cloud import GROUND as GROUND_CLASS
 from eaves.model.cloud import UNCLASSIFIED
-from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import GROUND
 from eaves.run.store import SECONDS, Places, Store, Task
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, around_squares
+
+if TYPE_CHECKING:
+    from eaves.recipe.recipe import Recipe
 
 Numbers = NDArray[np.int64]
 
@@ -80,7 +82,9 @@ def keep_ground(
     bounds = square.bounds.buffered(recipe.ground.buffer)
     wide = load_wide(store, bounds) if recipe.sees_wide else None
     patches = () if wide is None else [one.cropped(bounds.buffered(one.cell)) for one in wide.patches]
-    taken = store.key_of(GROUND.key(recipe), cloud, [number for _, number in own.values()], patches)
+    taken = store.key_of(
+        GROUND.key(recipe, store.system), cloud, [number for _, number in own.values()], patches
+    )
     if store.recalls(GROUND, square, task.read, taken):
         return
     classes, part = classify_square(cloud, inside, wide, recipe)

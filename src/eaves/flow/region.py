@@ -101,6 +101,10 @@ class Region:
         """The blocks of the core."""
         return [block for block in self.blocks if self.core.holds(block)]
 
+    def key(self, step: Step) -> str:
+        """The key of a step with the run's parameters and reference system."""
+        return step.key(self.run.recipe, self.store.system)
+
     def refuse(self, reason: str) -> NoReturn:
         """End the run for its inputs' sake; nothing of it stays."""
         self.store.discard()
@@ -260,9 +264,7 @@ def replace_points(region: Region) -> None:
         later |= set(ring(block)) if newest >= generations[0] else set()
     units = [block for block in blocks if block in later]
     store.keep_only(GONE, units)
-    reads = [
-        key_of(GONE.key(region.run.recipe), generations, points_read(region, ring(one))) for one in units
-    ]
+    reads = [key_of(region.key(GONE), generations, points_read(region, ring(one))) for one in units]
     compute(region, GONE, units, reads, partial(keep_gone, store=store, generations=generations), "read")
     found = dict(store.found(GONE, units))
     region.points_keys = {
@@ -362,12 +364,12 @@ def find_wide(region: Region, blocks: Sequence[Block]) -> None:
     seen = [squares_of([one.bounds.buffered(recipe.ground.wide_buffer)], run.side) for one in squares]
     known = set(region.blocks)
     floors = sorted(known & {block for some in seen for block in some})
-    reads = [key_of(FLOORS.key(recipe), points_read(region, [block])) for block in floors]
+    reads = [key_of(region.key(FLOORS), points_read(region, [block])) for block in floors]
     compute(region, FLOORS, floors, reads, partial(keep_floor, store=store), "wide")
     for square, some in zip(squares, seen, strict=True):
         if not store.has(DECKS, square) and known & set(some):
             store.remove(WIDE, square)
-    key = WIDE.key(recipe) + DECKS.key(recipe)
+    key = region.key(WIDE) + region.key(DECKS)
     reads = [key_of(key, store.found(FLOORS, [one for one in some if one in known])) for some in seen]
     work = partial(keep_square, store=store, side=run.side, recipe=recipe)
     compute(region, WIDE, squares, reads, work, "wide")
@@ -391,7 +393,7 @@ def find_ground(region: Region, blocks: Sequence[Block]) -> None:
         seen = [square.bounds.buffered(recipe.ground.buffer)]
         wide = store.found(WIDE, squares_of(seen, WIDE_SQUARE)) if recipe.sees_wide else []
         points = points_read(region, squares_of(seen, run.side))
-        reads.append(key_of(GROUND.key(recipe), run.side, points, wide))
+        reads.append(key_of(region.key(GROUND), run.side, points, wide))
     work = partial(classify_squares, store=store, recipe=recipe, side=run.side)
     group = partial(group_squares, side=run.options["block"])
     compute(region, GROUND, squares, reads, work, "blocks", group)
@@ -407,7 +409,7 @@ def find_regions(region: Region, blocks: Sequence[Block]) -> None:
         wide = squares_of(seen, WIDE_SQUARE) if recipe.sees_wide else []
         found = [store.found(GROUND, squares_of(seen, GROUND_SQUARE))]
         found += [store.found(WIDE, wide), store.found(DECKS, wide if recipe.marks_others else [])]
-        reads.append(key_of(BLOCKS.key(recipe), points_read(region, squares_of(seen, run.side)), found))
+        reads.append(key_of(region.key(BLOCKS), points_read(region, squares_of(seen, run.side)), found))
     work = partial(keep_block, store=store, recipe=recipe)
     compute(region, BLOCKS, blocks, reads, work, "blocks", shown=True)
 
@@ -463,7 +465,7 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     reads = []
     for plan in plans:
         near = sorted({one for block in plan.blocks for one in ring(block)})
-        reads.append(key_of(BUILDINGS.key(recipe), snap, plan, store.found(BLOCKS, near)))
+        reads.append(key_of(region.key(BUILDINGS), snap, plan, store.found(BLOCKS, near)))
     work = partial(keep_buildings, store=store, recipe=recipe, snap=snap)
     compute(region, BUILDINGS, plans, reads, work, "buildings", shown=True)
     region.budget.step("buildings")

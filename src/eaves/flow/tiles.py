@@ -24,7 +24,9 @@ from eaves.footprints.read import as_box
 from eaves.formats import InputError
 from eaves.model import Block, Bounds, Footprint, Mask
 from eaves.model.summary import Summary
+from eaves.run.code import package_sources
 from eaves.run.index import Index
+from eaves.run.keys import modules_of
 from eaves.run.manifest import MANIFEST, check_folder, read_facts
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
@@ -117,6 +119,7 @@ class TileTasks(Sequence[TileTask]):
         self.run, self.tiles = run, tiles
         self._given = None if run.given is None else FootprintSearch(run.given)
         self._addresses = FootprintSearch(run.addresses)
+        self.code = package_sources().digest(["eaves.pipeline", *modules_of(run.recipe)])
 
     def __len__(self) -> int:
         return len(self.tiles)
@@ -134,7 +137,7 @@ class TileTasks(Sequence[TileTask]):
             index=index,
             given=None if self._given is None else self._given.near(loaded),
             addresses=self._addresses.near(loaded),
-            plan={**self.run.plan, **index.describe(), "tile": tile.name},
+            plan={**self.run.plan, **index.describe(), "code": self.code, "tile": tile.name},
             lost=(),
             failed=(),
         )
