@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.blocks.ground_squares import seen_from
+from eaves.blocks.ground import seen_from
 from eaves.buildings.join import assign_footprints
 from eaves.buildings.rows import BuildingRow
 from eaves.flow.outputs import COUNTED, summary_of, write_map, write_run
@@ -102,7 +102,7 @@ class TileTask:
 def with_ring(task: TileTask, ring: int) -> TileTask:
     """A task with so many blocks around its tile, and the points that these need."""
     task = replace(task, ring=ring)
-    bounds = within(seen_from(task.loaded, task.run.recipe), task.window.bounds)
+    bounds = within(seen_from(task.loaded, task.run.recipe, task.run.side), task.window.bounds)
     return replace(task, run=replace(task.run, window=Window(bounds, task.window.clip)))
 
 
@@ -166,7 +166,7 @@ def loaded_with(tile: Block, ring: int, reach: float) -> Bounds:
 def inputs_near(loaded: Bounds, run: Run, index: Index) -> Mask:
     """Which inputs (F,) may hold points that a tile is computed from: the ground is found in squares, from
     farther away."""
-    return index.meeting(seen_from(loaded, run.recipe).buffered(BOX_TOLERANCE))
+    return index.meeting(seen_from(loaded, run.recipe, run.side).buffered(BOX_TOLERANCE))
 
 
 def known_tile(task: TileTask) -> TileDone | None:

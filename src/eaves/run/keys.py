@@ -43,7 +43,7 @@ GONE = Step("gone", "eaves.run.replace")
 FLOORS = Step("floors", "eaves.blocks.wide")
 WIDE = Step("wide", "eaves.blocks.wide", ("ground",))
 DECKS = Step("decks", "eaves.blocks.wide")
-GROUND = Step("ground", "eaves.blocks.ground_squares", ("ground", "use_classes", "ground_classes"))
+GROUND = Step("ground", "eaves.blocks.ground", ("ground", "use_classes", "ground_classes"))
 BLOCKS = Step(
     "blocks",
     "eaves.blocks.block",
