@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
 import pytest
 
-from eaves.flow import run
+from eaves.flow.run import open_run
+from eaves.model.summary import Summary
+from eaves.pipeline import build_run, end_run, hold_folder
 from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
 
 
@@ -38,19 +40,21 @@ def nine_roofs_file(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFac
     return path
 
 
-@contextmanager
-def blocks_of(side: float) -> Iterator[None]:
-    """Blocks of a side (m) that small scenes have several of."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(run, "BLOCK_SIDE", side)
-        yield
-
-
-@pytest.fixture(scope="module")
-def blocks_of_60() -> Iterator[None]:
-    """Blocks of 60 m in all runs of a module."""
-    with blocks_of(60.0):
-        yield
+def build_in_blocks(
+    side: float,
+    inputs: Any,
+    out: Path,
+    *words: Any,
+    sink: Any = None,
+    allow_failures: bool = False,
+    **options: Any,
+) -> Summary:
+    """What `eaves.pipeline.build` writes with blocks of a side (m), of which small scenes have several."""
+    run = replace(open_run(inputs, out, *words, **options), side=side)
+    with hold_folder(run) as workers:
+        summary = build_run(run, workers, sink=sink)
+        end_run(run, summary)
+    return summary.checked(allow_failures)
 
 
 def write_laz(path: Path, xyz: np.ndarray, epsg: int | None = 28992, **fields: np.ndarray) -> None:

@@ -18,7 +18,7 @@ from eaves import IncompleteRunError
 from eaves.formats import write_cityjson
 from eaves.report.build import build
 from eaves.simulate.objects.roofs import ExactScene
-from tests.conftest import blocks_of, write_laz
+from tests.conftest import build_in_blocks, write_laz
 from tests.run.test_long_buildings import footprints
 
 
@@ -62,8 +62,7 @@ def test_files_cut_elsewhere_and_points_shuffled_change_nothing(
 
 
 def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    with blocks_of(30.0):
-        assert build(nine_roofs_file, tmp_path).complete
+    assert build_in_blocks(30.0, nine_roofs_file, tmp_path).complete
     expected, got = list(footprints(whole).values()), list(footprints(tmp_path).values())
     assert len(expected) == len(got)
     for polygon in expected:
@@ -72,9 +71,8 @@ def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path
 
 
 def test_processes_give_what_one_process_gives(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    with blocks_of(60.0):
-        build(nine_roofs_file, tmp_path / "one")
-        build(nine_roofs_file, tmp_path / "two", jobs=2)
+    build_in_blocks(60.0, nine_roofs_file, tmp_path / "one")
+    build_in_blocks(60.0, nine_roofs_file, tmp_path / "two", jobs=2)
     one, two = footprints(tmp_path / "one"), footprints(tmp_path / "two")
     assert one.keys() == two.keys()
     assert all(one[name].equals(two[name]) for name in one)

@@ -68,7 +68,7 @@ def make_kinds(place: Path) -> list[Kind]:
     points, footprints, out = place / "a.laz", place / "footprints.gpkg", place / "out"
 
     def build(path: Path, target: Path) -> list[str]:
-        return ["build", str(path), "-o", str(target), "-q", "--jobs", "1", "--block", str(SIDE)]
+        return ["build", str(path), "-o", str(target), "-q", "--jobs", "1"]
 
     def with_footprints(path: Path, target: Path) -> list[str]:
         return [*build(points, target), "--footprints", str(path)]

@@ -90,7 +90,7 @@ class Bench:
     def words(self, out: Path, *more: str, points: Path | None = None) -> list[str]:
         """A build of the scene."""
         given = str(points or self.points)
-        return [sys.executable, "-m", "eaves", "build", given, "-q", "--block", "60", "-o", str(out), *more]
+        return [sys.executable, "-m", "eaves", "build", given, "-q", "-o", str(out), *more]
 
     def run(self, words: list[str]) -> tuple[int, str]:
         """Status and what was said."""

@@ -24,7 +24,6 @@ import laspy
 import numpy as np
 
 from benchmarks.table import keep
-from eaves.model import BLOCK_SIDE
 from eaves.pipeline import build
 from eaves.run.options import RunOptions
 from eaves.simulate import scan_town, simulate_town, write_simulation
@@ -162,7 +161,7 @@ def main() -> None:
                 tiles[0].points.offsets,
             )
             whole.write(place / "ign.laz")
-            jobs += [("ign_urban", place / "ign.laz", RunOptions(block=side)) for side in (240.0, 30.0)]
+            jobs.append(("ign_urban", place / "ign.laz", RunOptions()))
             delft = Path(data, "delft")
             given = RunOptions(footprints=delft / "footprints.gpkg")
             jobs.append(("Delft, footprints given", delft / "ahn3.laz", given))
@@ -175,7 +174,6 @@ def main() -> None:
                 rows.append(
                     {
                         "data": data_name,
-                        "block m": options.get("block", BLOCK_SIDE),
                         "way": name,
                         "s": round(seconds, 1),
                         "buildings": found,

@@ -2,9 +2,9 @@
 
 ```
 open_run ─→ read ─→ replace ─→ wide ─→ ground ─→ regions ─→ join ─→ buildings ─→ outputs ─→ report
-            points   by later   what is  squares   blocks     across   outline,     files      page and
-            by block scans'     wide     of the    rasters,   seams    roof planes,            pictures
-                                         world     regions             solids
+            points   by later   what is  blocks    blocks     across   outline,     files      page and
+            by block scans'     wide     with      rasters,   seams    roof planes,            pictures
+                                         buffer    regions             solids
 ```
 
 Each step is a function of `flow/region.py` on one region, which keeps its results with their keys in the

@@ -149,8 +149,6 @@ def test_a_bad_file_gets_one_line_and_status_2(tmp_path: Path, name: str, conten
         ["build", "FILE", "-o", "OUT", "--bounds", "1,2,3"],
         ["build", "FILE", "-o", "OUT", "--bounds", "nan,0,1,1"],
         ["build", "FILE", "-o", "OUT", "--bounds", "0,0,inf,1"],
-        ["build", "FILE", "-o", "OUT", "--block", "inf"],
-        ["build", "FILE", "-o", "OUT", "--block", "nan"],
         ["build", "FILE", "-o", "OUT", "--memory", "1M"],
         ["build", "FILE", "-o", "OUT", "--crs", "EPSG:4326"],
         ["build", "FILE", "-o", "OUT", "--crs", "EPSG:999999"],
@@ -192,7 +190,7 @@ def test_the_help_of_build_has_few_options_before_those_of_experts() -> None:
     for heading in ("Input:", "Methods:", "Output:", "Run:"):
         assert heading in before
     assert len(re.findall(r"^  (?:-\w, )?--", before, re.MULTILINE)) <= 15
-    assert "--set" in before and "--block" in expert
+    assert "--set" in before and "--classes" in expert
     assert "\n    eaves build tile.laz -o out\n" in before  # an example a line
 
 

@@ -119,7 +119,6 @@ WRONG: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "bounds must be west, south, east, north",
     ),
-    "blocks without a side": (lambda: eaves.build("a.laz", "out", block=-1.0), ValueError, "block must be"),
     "unknown level": (lambda: eaves.build("a.laz", "out", lod="3"), ValueError, "unknown level of detail"),
     "unknown option": (lambda: eaves.build("a.laz", "out", tiles=3), TypeError, "unknown option 'tiles'"),
 }

@@ -15,7 +15,6 @@ import pytest
 
 from eaves.formats import InputError
 from eaves.model.summary import Summary
-from eaves.pipeline import build as build_files
 from eaves.report import sample
 from eaves.report.build import build
 from eaves.report.contents import read_contents
@@ -24,7 +23,7 @@ from eaves.report.sample import PointSample
 from eaves.report.surfaces import SURFACES, UNKNOWN_ERROR
 from eaves.report.view import open_report
 
-from ..conftest import blocks_of, write_laz
+from ..conftest import build_in_blocks, write_laz
 
 
 def data_of(page: Path) -> dict:
@@ -101,8 +100,7 @@ def test_the_points_received_while_writing_are_those_read_afterwards(
 ) -> None:
     for limit, jobs in ((2000, 2), (10_000_000, 1)):
         received = PointSample(limit, 1000)
-        with blocks_of(60.0):
-            build_files(nine_roofs_file, tmp_path, jobs=jobs, sink=received)
+        build_in_blocks(60.0, nine_roofs_file, tmp_path, jobs=jobs, sink=received, overwrite=True)
         read = read_contents(tmp_path, points=limit).points
         assert len(read) > 0 and (len(read) < 6000) == (limit == 2000)
         with monkeypatch.context() as patched:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import laspy
 import numpy as np
 import pytest
 import shapely
+from tests.conftest import build_in_blocks
 
 from eaves.blocks.block import block_pass
 from eaves.blocks.block_file import BlockFile, block_arrays
@@ -21,14 +23,13 @@ from eaves.ground import classify_ground
 from eaves.model import Block
 from eaves.model.doubt import Doubt
 from eaves.model.summary import Summary
-from eaves.pipeline import build
 from eaves.recipe.recipe import make_recipe
 from eaves.report.view import describe_run
 from eaves.run.part_file import save_part
 from eaves.run.store import Store
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
-pytestmark = pytest.mark.usefixtures("blocks_of_60")
+build = partial(build_in_blocks, 60.0)
 
 
 def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:

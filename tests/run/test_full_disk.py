@@ -7,11 +7,13 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tests.conftest import build_in_blocks
 from tests.run.test_long_buildings import features
 
 from eaves.blocks import block
@@ -19,12 +21,11 @@ from eaves.buildings import owned
 from eaves.flow import outputs
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
-from eaves.pipeline import build
 from eaves.run import partition
 from eaves.run.manifest import read_facts
 from eaves.run.store import Store
 
-pytestmark = pytest.mark.usefixtures("blocks_of_60")
+build = partial(build_in_blocks, 60.0)
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 SQLITE_FULL = RuntimeError("failed to execute insert : database or disk is full")

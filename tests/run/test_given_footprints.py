@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from tests.conftest import build_in_blocks
 from tests.formats.cityjson_schema import schema_defects
 
 from eaves.flow import tiles
@@ -17,12 +19,11 @@ from eaves.footprints.read import read_footprints
 from eaves.formats import InputError
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
-from eaves.report.build import build
 from eaves.run.manifest import check_folder
 from eaves.simulate.objects.roofs import ExactScene
 from eaves.validate import validate_file
 
-pytestmark = pytest.mark.usefixtures("blocks_of_60")
+build = partial(build_in_blocks, 60.0)
 
 PLACE = np.array([84960.0, 447120.0])
 

@@ -12,6 +12,7 @@ import shapely
 from eaves import pipeline
 from eaves.buildings import owned
 from eaves.formats import InputError
+from eaves.model import CoordinateSystem
 from eaves.recipe.recipe import Recipe, make_recipe
 from eaves.run.keys import BLOCKS, BUILDINGS, STEPS, key_of
 
@@ -27,8 +28,10 @@ def test_every_parameter_is_read_by_a_step() -> None:
 def test_a_parameter_changes_the_key_of_the_steps_that_read_it_alone() -> None:
     one = make_recipe()
     other = replace(one, lod="1.2")
-    assert [step.name for step in STEPS if step.key(one) != step.key(other)] == [BUILDINGS.name]
-    assert BLOCKS.key(one) != BLOCKS.key(make_recipe({"detect": "normal_echo"}))
+    system = CoordinateSystem()
+    changed = [step.name for step in STEPS if step.key(one, system) != step.key(other, system)]
+    assert changed == [BUILDINGS.name]
+    assert BLOCKS.key(one, system) != BLOCKS.key(make_recipe({"detect": "normal_echo"}), system)
 
 
 def test_a_key_tells_values_apart_to_the_last_bit() -> None:

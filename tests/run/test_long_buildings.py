@@ -10,10 +10,9 @@ import pyogrio
 import pytest
 import rasterio
 import shapely
-from tests.conftest import blocks_of, write_laz
+from tests.conftest import build_in_blocks, write_laz
 
 from eaves.flow import tiles
-from eaves.pipeline import build
 
 BLOCK = 48.0
 SIDE = BLOCK * 5
@@ -67,8 +66,7 @@ def features(paths: list[Path]) -> dict[str, object]:
 @pytest.fixture(scope="module")
 def whole(points: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("whole")
-    with blocks_of(BLOCK):
-        assert build(points, out).complete
+    assert build_in_blocks(BLOCK, points, out).complete
     return out
 
 
@@ -86,8 +84,7 @@ def test_a_hall_and_a_row_longer_than_two_blocks_come_out_once_and_whole(whole: 
 def test_blocks_larger_than_the_buildings_find_the_same_two(
     points: Path, whole: Path, tmp_path: Path
 ) -> None:
-    with blocks_of(SIDE):
-        assert build(points, tmp_path).complete
+    assert build_in_blocks(SIDE, points, tmp_path).complete
     one, other = footprints(whole).values(), footprints(tmp_path).values()
     assert len(other) == 2
     for polygon in one:
@@ -99,8 +96,7 @@ def test_tile_by_tile_gives_what_the_whole_run_gives(
     points: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tiles, "TILE_BLOCKS", 2)
-    with blocks_of(BLOCK):
-        summary = build(points, tmp_path, per_tile=True)
+    summary = build_in_blocks(BLOCK, points, tmp_path, per_tile=True)
     assert summary.complete
     written = sorted((tmp_path / "tiles").glob("*/buildings.city.jsonl"))
     assert features([whole / "buildings.city.jsonl"]) == features(written)

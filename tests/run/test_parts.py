@@ -8,18 +8,19 @@ import pickle
 import shutil
 from collections.abc import Callable
 from datetime import date, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
+from tests.conftest import build_in_blocks
 
-from eaves import pipeline
 from eaves.model import Failure, Footprint
 from eaves.run.part_file import decode, encode, is_whole_part, open_part, save_part
 
-pytestmark = pytest.mark.usefixtures("blocks_of_60")
+build = partial(build_in_blocks, 60.0)
 
 Break = Callable[[Path], object]
 
@@ -117,17 +118,17 @@ def test_a_damaged_part_is_named_and_computed_again(
     broken = next((out / ".eaves-work").glob(what))
     damage(broken)
     with caplog.at_level(logging.WARNING, "eaves"):
-        assert pipeline.build(nine_roofs_file, out, resume=True).complete
+        assert build(nine_roofs_file, out, resume=True).complete
     assert any(str(broken) in record.getMessage() for record in caplog.records)
     models = [(folder / "buildings.city.jsonl").read_text() for folder in (kept, out)]
     assert models[0] == models[1]
 
 
 @pytest.fixture(scope="module")
-def kept(nine_roofs_file: Path, blocks_of_60: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def kept(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run with all its parts."""
     folder = tmp_path_factory.mktemp("kept") / "out"
-    assert pipeline.build(nine_roofs_file, folder, keep=True).complete
+    assert build(nine_roofs_file, folder, keep=True).complete
     return folder
 
 

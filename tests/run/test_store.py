@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eaves.formats import Chunk
-from eaves.model import Bounds, PointCloud
+from eaves.model import Block, Bounds, PointCloud
 from eaves.run.partition import SliceWriter, Window, partition_chunk
 from eaves.run.store import Store
 
@@ -28,15 +28,13 @@ def test_a_window_has_its_points_in_canonical_order(tmp_path: Path, side: float,
             chunk = Chunk(world[piece], piece - some[0])
             partition_chunk(chunk, int(some[0]), side, Window(), writer)
         writer.finish(True)
-    bounds = Bounds(84990.5, 446975.0, 85071.3, 447080.2)
+    block, reach = Block.at(85000.0, 447000.0, side), 21.3
+    bounds = block.bounds.buffered(reach)
     inside = np.flatnonzero(bounds.contains(world))
-    origin = (round(85000 // side) * side, round(447000 // side) * side)
-    right = PointCloud.from_world(world[inside], origin, point_id=inside).in_canonical_order()
-    cloud, places = store.load_points(bounds, origin, side)
+    right = PointCloud.from_world(world[inside], block.origin, point_id=inside).in_canonical_order()
+    cloud, number = store.load_points(block, reach)
     assert cloud.ordered and np.array_equal(cloud.point_id, right.point_id)
     assert np.allclose(cloud.xyz, right.xyz, atol=1e-6)
-    found = [store.read_points(block)["point_id"][places.within(block)] for block in places.range_of]
-    assert np.array_equal(np.sort(np.concatenate(found)), inside)
-    for block in places.range_of:
-        which, number = places.of(block, np.arange(len(cloud)))
-        assert np.array_equal(store.read_points(block)["point_id"][number], cloud.point_id[which])
+    core = Bounds(0.0, 0.0, side, side).contains(cloud.xyz)
+    assert np.array_equal(store.read_points(block)["point_id"][number], cloud.point_id[core])
+    assert np.array_equal(np.sort(number), np.arange(store.count_points(block)))

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import laspy
 import numpy as np
 import pytest
 import shapely
+from tests.conftest import build_in_blocks
 from tests.run.test_long_buildings import features
 
 from eaves import pipeline
 from eaves.flow import tiles
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import CoordinateSystem
-from eaves.pipeline import build
 from eaves.simulate.objects.roofs import ExactScene
 
-pytestmark = pytest.mark.usefixtures("blocks_of_60")
+build = partial(build_in_blocks, 60.0)
 
 PLACE = np.array([84960.0, 447120.0])
 

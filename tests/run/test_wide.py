@@ -7,7 +7,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-from tests.conftest import blocks_of, write_laz
+from tests.conftest import build_in_blocks, write_laz
 
 import eaves
 
@@ -30,8 +30,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("block", [60.0, pytest.param(240.0, marks=pytest.mark.slow)])
 def test_a_hall_wider_than_a_block_is_one_building(survey: Path, tmp_path: Path, block: float) -> None:
-    with blocks_of(block):
-        summary = eaves.build(survey, tmp_path, eaves.make_recipe(lod="0"))
+    summary = build_in_blocks(block, survey, tmp_path, eaves.make_recipe(lod="0"))
     assert summary.found == 1
     las = laspy.read(tmp_path / "classified.laz")
     hall, classes = np.asarray(las.user_data) == 1, np.asarray(las.classification)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import logging
 import struct
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.conftest import write_laz
+from tests.conftest import build_in_blocks, write_laz
 from tests.run.test_long_buildings import features
 
 from eaves.flow import tiles
 from eaves.flow.tiles import plan_tiles
-from eaves.pipeline import build
 from eaves.run.index import index_inputs
 from eaves.simulate.objects.roofs import ExactScene
 
-pytestmark = pytest.mark.usefixtures("blocks_of_60")
+build = partial(build_in_blocks, 60.0)
 
 PLACE = np.array([84960.0, 447120.0, 0.0])
 BOX = 179

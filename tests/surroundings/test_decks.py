@@ -8,7 +8,7 @@ import laspy
 import numpy as np
 import pyogrio.raw
 import pytest
-from tests.conftest import blocks_of, write_laz
+from tests.conftest import build_in_blocks, write_laz
 
 import eaves
 from eaves.model import Grid, Mask
@@ -92,8 +92,7 @@ def test_a_footbridge_is_no_building_whatever_the_blocks_are(survey: Path, tmp_p
     found = []
     for block in (60.0, 240.0):
         folder = tmp_path / f"{block:.0f}"
-        with blocks_of(block):
-            summary = eaves.build(survey, folder, eaves.make_recipe(lod="0"))
+        summary = build_in_blocks(block, survey, folder, eaves.make_recipe(lod="0"))
         assert summary.found == 1
         found.append(np.asarray(laspy.read(folder / "classified.laz").classification))
     assert (found[0] == found[1]).mean() > 0.999

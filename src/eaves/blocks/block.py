@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +16,22 @@ from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
+from eaves.model.block import SEAM
 from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
-from eaves.recipe.recipe import SEAM, Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS
-from eaves.run.store import Places, Store, Task
+from eaves.run.keys import GROUND as GROUND_STEP
+from eaves.run.store import SECONDS, Store, Task
 from eaves.surroundings.decks import Decks, wet_or_bridged
 from eaves.surroundings.vegetation import vegetation_classes
 from eaves.surroundings.wires import find_towers, find_wires
+
+if TYPE_CHECKING:
+    from eaves.recipe.recipe import Recipe
 
 
 def block_pass(
@@ -95,30 +100,30 @@ def block_pass(
 def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
     block = task.unit
-    cloud, wide, decks, places = load_block(block, store, recipe)
+    cloud, wide, decks, number = load_block(block, store, recipe)
     seen = block.bounds.buffered(recipe.scene_buffer)
     beneath: list[object] = [one.cropped(seen.buffered(COARSEST_M)) for one in decks]
     if wide is not None:
         local = seen.translated(-block.origin[0], -block.origin[1])
         beneath += [wide.terrain_beneath(local, block.origin), wide.doubts_in(block.bounds)]
-    taken = store.key_of(BLOCKS.key(recipe), cloud, beneath)
+    taken = store.key_of(BLOCKS.key(recipe, store.system), cloud, beneath)
     if store.recalls(BLOCKS, block, task.read, taken):
         return
     result = block_pass(cloud, block, recipe, wide, decks)
-    result.seconds["ground"] = store.ground_seconds(block)
-    save_block(store, result, places, task.read, taken)
+    result.seconds["ground"] = float(store.array(GROUND_STEP, block, SECONDS))
+    save_block(store, result, number, task.read, taken)
 
 
 def load_block(
     block: Block, store: Store, recipe: Recipe
-) -> tuple[PointCloud, WideObjects | None, tuple[Decks, ...], Places]:
-    """The points, the wide objects and the decks that `block_pass` takes, from the store, and where it has
-    the points."""
+) -> tuple[PointCloud, WideObjects | None, tuple[Decks, ...], NDArray[np.int32]]:
+    """The points, the wide objects and the decks that `block_pass` takes, from the store, and the numbers of
+    the block's points in its files."""
     seen = block.bounds.buffered(recipe.scene_buffer)
     wide = load_wide(store, seen) if recipe.sees_wide else None
     decks = load_decks(store, seen) if recipe.sees_wide and recipe.marks_others else ()
-    cloud, places = store.load_points(seen, block.origin, block.side, classified=True)
-    return cloud, wide, decks, places
+    cloud, number = store.load_points(block, recipe.scene_buffer, classified=True)
+    return cloud, wide, decks, number
 
 
 def see_block(

@@ -19,7 +19,7 @@ from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
 from eaves.run.keys import BLOCKS
 from eaves.run.part_file import open_part
-from eaves.run.store import Places, Store
+from eaves.run.store import Store
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -124,13 +124,12 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     }
 
 
-def save_block(store: Store, result: BlockResult, places: Places, read: str, taken: str) -> None:
-    """Keep what the block pass found in one block, of points from such places, of files and inputs with
-    keys."""
+def save_block(store: Store, result: BlockResult, number: NDArray[np.int32], read: str, taken: str) -> None:
+    """Keep the result of the block pass in one block, whose points have such numbers in its files."""
     ends = np.cumsum([len(records) for records in store.map_points(result.block)])
     file: NDArray[Any] = np.zeros(0, np.uint8)
     if len(ends) > 1:
-        file = np.searchsorted(ends, places.within(result.block), "right")
+        file = np.searchsorted(ends, number, "right")
         file = file.astype(np.min_scalar_type(len(ends)))
     store.save(BLOCKS, result.block, block_arrays(result) | {"from_file": file}, read, taken)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Bounds
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.model.doubt import Doubt
-from eaves.recipe.recipe import Recipe
 from eaves.run.keys import DECKS, FLOORS, WIDE
 from eaves.run.part_file import load_value, pack
 from eaves.run.store import Store, Task, stored_extent
 from eaves.run.world_squares import WIDE_SQUARE, squares_of, within
 from eaves.surroundings.decks import Decks, decks_of, look_around
+
+if TYPE_CHECKING:
+    from eaves.recipe.recipe import Recipe
 
 TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt, Decks)}
 """The classes of the parts kept here."""
@@ -55,7 +58,7 @@ def keep_square(task: Task, store: Store, side: float, recipe: Recipe) -> None:
         patch = ground.find_wide_objects(floor)
         patches = () if patch is None else (patch.cropped(square.bounds),)
         look = look_around(floor, square.bounds, patch)
-        taken = store.key_of(DECKS.key(recipe), *look)
+        taken = store.key_of(DECKS.key(recipe, store.system), *look)
         if not store.recalls(DECKS, square, task.read, taken):
             found = decks_of(*look, square.bounds)
             store.save(DECKS, square, pack("value", found), task.read, taken)

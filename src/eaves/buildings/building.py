@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -27,7 +28,6 @@ from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL
-from eaves.recipe.recipe import Recipe
 from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.reconstruct.toolkit.attributes import measure_again
@@ -37,6 +37,9 @@ from eaves.run.clock import Clock
 from eaves.run.keys import key_of
 from eaves.validate import Tolerances, validate_model
 from eaves.validate.models import find_invalid
+
+if TYPE_CHECKING:
+    from eaves.recipe.recipe import Recipe
 
 OBJECTS = "2.2"
 """The first level of detail with objects on the roof."""

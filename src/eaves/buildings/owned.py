@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from eaves.buildings.building import (
     broken_result,
@@ -19,10 +20,12 @@ from eaves.buildings.join import OwnedBuildings
 from eaves.footprints.addresses import split_buildings
 from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
-from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import BUILDINGS
 from eaves.run.store import Store, Task
+
+if TYPE_CHECKING:
+    from eaves.recipe.recipe import Recipe
 
 log = logging.getLogger("eaves")
 
@@ -33,7 +36,7 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
     A building that follows from the same as one that was there is taken over from it.
     """
     plan: OwnedBuildings = task.unit
-    owner, step = plan.owner_block, BUILDINGS.key(recipe)
+    owner, step = plan.owner_block, BUILDINGS.key(recipe, store.system)
     gatherer = Gatherer(store, around=MARGIN if recipe.keeps_low else None)
     if snap:
         plan = gatherer.snapped(plan)

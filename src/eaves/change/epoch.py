@@ -84,20 +84,19 @@ class Epoch:
         """The points of a block of the comparison's system, and of its surroundings up to `reach` (m), about
         its corner, in canonical order."""
         if self._move is None:
-            return self.store.load_cloud(block, reach)
+            return self.store.load_points(block, reach)[0]
         wanted = block.bounds.buffered(reach)
         pieces = []
         for own in squares_of([self.moved(wanted, 1)], self.side):
-            cloud = self.store.load_cloud(own, 0.0)
+            cloud, _ = self.store.load_points(own, 0.0)
             if len(cloud):
                 world = cloud.xyz + np.array([*own.origin, 0.0])
                 world[:, :2] = self.plane(world[:, :2], 0)
                 inside = np.flatnonzero(wanted.contains(world))
                 pieces.append((cloud, world, inside))
         if not pieces:
-            return self.store.load_cloud(Block(block.column, block.row, self.side), 0.0).take(
-                np.zeros(0, np.int64)
-            )
+            nowhere = Block(block.column, block.row, self.side)
+            return self.store.load_points(nowhere, 0.0)[0].take(np.zeros(0, np.int64))
         arrays = {
             name: np.concatenate([getattr(cloud, name)[inside] for cloud, _, inside in pieces])
             for name in ("return_number", "number_of_returns", "classification", "point_id")

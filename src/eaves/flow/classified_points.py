@@ -26,6 +26,7 @@ from eaves.formats.points.classified import SUPERSEDED, UNCHANGED
 from eaves.model import BLOCK_SIDE, Block
 from eaves.model.cloud import BUILDING
 from eaves.model.provenance import Provenance
+from eaves.run.code import package_sources
 from eaves.run.index import Index
 from eaves.run.keys import GONE, key_of
 from eaves.run.manifest import entry_of, known_files
@@ -172,7 +173,8 @@ def key_of_columns(columns: Mapping[str, PointColumn], mark: bytes, made_from: P
     pieces = (
         column[first : first + PIECE] for column in columns.values() for first in range(0, len(column), PIECE)
     )
-    return key_of(mark, made_from, [key_of(piece) for piece in pieces])
+    code = package_sources().digest([__name__])
+    return key_of(code, mark, made_from, [key_of(piece) for piece in pieces])
 
 
 def copies_of(store: Store, index: Index) -> dict[int, list[Path]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from eaves.blocks.block import keep_block
 from eaves.blocks.block_file import open_block
-from eaves.blocks.ground_squares import classify_squares, group_squares
+from eaves.blocks.ground import keep_ground
 from eaves.blocks.wide import keep_floor, keep_square
 from eaves.buildings.join import (
     OwnedBuildings,
@@ -48,7 +48,7 @@ from eaves.run.partition import (
 from eaves.run.replace import files_of, keep_gone, scan_number
 from eaves.run.store import RECORD, Store, Task
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
-from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, ring, squares_of
+from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of
 
 log = logging.getLogger("eaves")
 
@@ -100,6 +100,10 @@ class Region:
     def own_blocks(self) -> list[Block]:
         """The blocks of the core."""
         return [block for block in self.blocks if self.core.holds(block)]
+
+    def key(self, step: Step) -> str:
+        """The key of a step with the run's parameters and reference system."""
+        return step.key(self.run.recipe, self.store.system)
 
     def refuse(self, reason: str) -> NoReturn:
         """End the run for its inputs' sake; nothing of it stays."""
@@ -260,9 +264,7 @@ def replace_points(region: Region) -> None:
         later |= set(ring(block)) if newest >= generations[0] else set()
     units = [block for block in blocks if block in later]
     store.keep_only(GONE, units)
-    reads = [
-        key_of(GONE.key(region.run.recipe), generations, points_read(region, ring(one))) for one in units
-    ]
+    reads = [key_of(region.key(GONE), generations, points_read(region, ring(one))) for one in units]
     compute(region, GONE, units, reads, partial(keep_gone, store=store, generations=generations), "read")
     found = dict(store.found(GONE, units))
     region.points_keys = {
@@ -315,25 +317,21 @@ def compute(
     reads: Sequence[str],
     work: Callable[[Any], Any],
     booked: str,
-    group: Callable[[Sequence[Task]], Sequence[Any]] | None = None,
     shown: bool = False,
 ) -> None:
     """The results of a step for those units that have none yet of what it reads, each with its key.
 
-    The processor time is `booked` under a name; tasks that are loaded together make a `group`; with `shown`
-    the progress is that of the step.
+    The processor time is `booked` under a name; with `shown` the progress is that of the step.
     """
     store = region.store
     marks = (store.mark(step, home_of(unit)) for unit in units)
-    tasks: Sequence[Any] = [
+    tasks = [
         Task(unit, read)
         for unit, read, mark in zip(units, reads, marks, strict=True)
         if mark is None or mark.read != read
     ]
-    tasks = tasks if group is None else group(tasks)
     for done, outcome in enumerate(region.workers.run(work, tasks), 1):
-        first = tasks[outcome.index] if group is None else tasks[outcome.index][0]
-        region.note(outcome, f"{step.name} of {home_of(first.unit).name}")
+        region.note(outcome, f"{step.name} of {home_of(tasks[outcome.index].unit).name}")
         region.budget.add(booked, outcome.cpu)
         if shown:
             region.progress(booked, done, len(tasks))
@@ -357,44 +355,41 @@ def find_wide(region: Region, blocks: Sequence[Block]) -> None:
     run, store, recipe = region.run, region.store, region.run.recipe
     if not recipe.sees_wide:
         return
-    grounds = [square.bounds.buffered(recipe.ground.buffer) for square in ground_squares(region, blocks)]
+    grounds = [block.bounds.buffered(recipe.ground.buffer) for block in blocks_seen(region, blocks)]
     squares = squares_of(grounds, WIDE_SQUARE)
     seen = [squares_of([one.bounds.buffered(recipe.ground.wide_buffer)], run.side) for one in squares]
     known = set(region.blocks)
     floors = sorted(known & {block for some in seen for block in some})
-    reads = [key_of(FLOORS.key(recipe), points_read(region, [block])) for block in floors]
+    reads = [key_of(region.key(FLOORS), points_read(region, [block])) for block in floors]
     compute(region, FLOORS, floors, reads, partial(keep_floor, store=store), "wide")
     for square, some in zip(squares, seen, strict=True):
         if not store.has(DECKS, square) and known & set(some):
             store.remove(WIDE, square)
-    key = WIDE.key(recipe) + DECKS.key(recipe)
+    key = region.key(WIDE) + region.key(DECKS)
     reads = [key_of(key, store.found(FLOORS, [one for one in some if one in known])) for some in seen]
     work = partial(keep_square, store=store, side=run.side, recipe=recipe)
     compute(region, WIDE, squares, reads, work, "wide")
 
 
-def ground_squares(region: Region, blocks: Sequence[Block]) -> list[Block]:
-    """The squares in which the ground is found that some blocks and what the detector sees around them
-    meet, of those that have points."""
+def blocks_seen(region: Region, blocks: Sequence[Block]) -> list[Block]:
+    """The blocks that some blocks and what the detector sees around them meet, of those that have points."""
     seen = [block.bounds.buffered(region.run.recipe.scene_buffer) for block in blocks]
-    with_points = [block.bounds for block in region.store.blocks(region.run.side)]
-    held = set(squares_of(with_points, GROUND_SQUARE))
-    return [square for square in squares_of(seen, GROUND_SQUARE) if square in held]
+    with_points = set(region.store.blocks(region.run.side))
+    return [block for block in squares_of(seen, region.run.side) if block in with_points]
 
 
 def find_ground(region: Region, blocks: Sequence[Block]) -> None:
     """The ground of some blocks and of what the detector sees around them."""
     run, store, recipe = region.run, region.store, region.run.recipe
-    squares = ground_squares(region, blocks)
+    blocks = blocks_seen(region, blocks)
     reads = []
-    for square in squares:
-        seen = [square.bounds.buffered(recipe.ground.buffer)]
+    for block in blocks:
+        seen = [block.bounds.buffered(recipe.ground.buffer)]
         wide = store.found(WIDE, squares_of(seen, WIDE_SQUARE)) if recipe.sees_wide else []
         points = points_read(region, squares_of(seen, run.side))
-        reads.append(key_of(GROUND.key(recipe), run.side, points, wide))
-    work = partial(classify_squares, store=store, recipe=recipe, side=run.side)
-    group = partial(group_squares, side=run.options["block"])
-    compute(region, GROUND, squares, reads, work, "blocks", group)
+        reads.append(key_of(region.key(GROUND), run.side, points, wide))
+    work = partial(keep_ground, store=store, recipe=recipe)
+    compute(region, GROUND, blocks, reads, work, "blocks")
 
 
 def find_regions(region: Region, blocks: Sequence[Block]) -> None:
@@ -405,9 +400,9 @@ def find_regions(region: Region, blocks: Sequence[Block]) -> None:
     for block in blocks:
         seen = [block.bounds.buffered(recipe.scene_buffer)]
         wide = squares_of(seen, WIDE_SQUARE) if recipe.sees_wide else []
-        found = [store.found(GROUND, squares_of(seen, GROUND_SQUARE))]
+        found = [store.found(GROUND, squares_of(seen, run.side))]
         found += [store.found(WIDE, wide), store.found(DECKS, wide if recipe.marks_others else [])]
-        reads.append(key_of(BLOCKS.key(recipe), points_read(region, squares_of(seen, run.side)), found))
+        reads.append(key_of(region.key(BLOCKS), points_read(region, squares_of(seen, run.side)), found))
     work = partial(keep_block, store=store, recipe=recipe)
     compute(region, BLOCKS, blocks, reads, work, "blocks", shown=True)
 
@@ -463,7 +458,7 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     reads = []
     for plan in plans:
         near = sorted({one for block in plan.blocks for one in ring(block)})
-        reads.append(key_of(BUILDINGS.key(recipe), snap, plan, store.found(BLOCKS, near)))
+        reads.append(key_of(region.key(BUILDINGS), snap, plan, store.found(BLOCKS, near)))
     work = partial(keep_buildings, store=store, recipe=recipe, snap=snap)
     compute(region, BUILDINGS, plans, reads, work, "buildings", shown=True)
     region.budget.step("buildings")

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.blocks.ground_squares import seen_from
+from eaves.blocks.ground import seen_from
 from eaves.buildings.join import assign_footprints
 from eaves.buildings.rows import BuildingRow
 from eaves.flow.outputs import COUNTED, summary_of, write_map, write_run
@@ -24,7 +24,9 @@ from eaves.footprints.read import as_box
 from eaves.formats import InputError
 from eaves.model import Block, Bounds, Footprint, Mask
 from eaves.model.summary import Summary
+from eaves.run.code import package_sources
 from eaves.run.index import Index
+from eaves.run.keys import modules_of
 from eaves.run.manifest import MANIFEST, check_folder, read_facts
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
@@ -100,7 +102,7 @@ class TileTask:
 def with_ring(task: TileTask, ring: int) -> TileTask:
     """A task with so many blocks around its tile, and the points that these need."""
     task = replace(task, ring=ring)
-    bounds = within(seen_from(task.loaded, task.run.recipe), task.window.bounds)
+    bounds = within(seen_from(task.loaded, task.run.recipe, task.run.side), task.window.bounds)
     return replace(task, run=replace(task.run, window=Window(bounds, task.window.clip)))
 
 
@@ -117,6 +119,7 @@ class TileTasks(Sequence[TileTask]):
         self.run, self.tiles = run, tiles
         self._given = None if run.given is None else FootprintSearch(run.given)
         self._addresses = FootprintSearch(run.addresses)
+        self.code = package_sources().digest(["eaves.pipeline", *modules_of(run.recipe)])
 
     def __len__(self) -> int:
         return len(self.tiles)
@@ -134,7 +137,7 @@ class TileTasks(Sequence[TileTask]):
             index=index,
             given=None if self._given is None else self._given.near(loaded),
             addresses=self._addresses.near(loaded),
-            plan={**self.run.plan, **index.describe(), "tile": tile.name},
+            plan={**self.run.plan, **index.describe(), "code": self.code, "tile": tile.name},
             lost=(),
             failed=(),
         )
@@ -163,7 +166,7 @@ def loaded_with(tile: Block, ring: int, reach: float) -> Bounds:
 def inputs_near(loaded: Bounds, run: Run, index: Index) -> Mask:
     """Which inputs (F,) may hold points that a tile is computed from: the ground is found in squares, from
     farther away."""
-    return index.meeting(seen_from(loaded, run.recipe).buffered(BOX_TOLERANCE))
+    return index.meeting(seen_from(loaded, run.recipe, run.side).buffered(BOX_TOLERANCE))
 
 
 def known_tile(task: TileTask) -> TileDone | None:

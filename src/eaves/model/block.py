@@ -14,6 +14,8 @@ from eaves.model.arrays import Mask, Points
 Scalar = TypeVar("Scalar", bound=np.generic)
 BLOCK_SIDE = 240.0
 """Side of a block (m): a whole multiple of the 0.5, 1 and 1.5 m cells."""
+SEAM = 1.5
+"""Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
 
 
 @dataclass(frozen=True)

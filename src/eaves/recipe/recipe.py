@@ -10,6 +10,7 @@ import numpy as np
 from eaves.detect import Detector
 from eaves.ground import GroundMethod
 from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
+from eaves.model.block import SEAM
 from eaves.model.building import LODS
 from eaves.model.cloud import (
     BRIDGE_DECK,
@@ -36,8 +37,6 @@ LARGEST_CLASS = 255
 """One byte holds a class."""
 VEGETATION = LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION
 OTHERS = WATER, WIRE, WIRE_TOWER, BRIDGE_DECK
-SEAM = 1.5
-"""Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
 
 
 @dataclass(frozen=True)

@@ -1,47 +1,74 @@
 """Keys: what a step takes, and what it finds, as one short word each.
 
-A result is named by the key of all that its step takes, parameters and the version of the package included.
-Where that is found again, the step is not run: that is all there is to resuming a run and to updating one.
+A result is named by the key of all that its step takes: its code, the reference system, parameters and
+inputs. Where that is found again, the step is not run: that is all there is to resuming a run and to updating
+one.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from eaves.model import CoordinateSystem
+from eaves.run.code import PACKAGE, Sources, package_sources
+
 
 @dataclass(frozen=True)
 class Step:
-    """A step whose results are kept: the folder of its results, and the parameters of a recipe that it
-    reads."""
+    """A step whose results are kept: the folder of its results, the module of its function, and the
+    parameters of a recipe that it reads."""
 
     name: str
+    module: str
     parameters: tuple[str, ...] = ()
 
-    def key(self, recipe: Any) -> str:
-        """The key of the step with the parameters of a recipe, in this version of the package."""
-        return key_of(version("eaves"), self.name, *(getattr(recipe, name) for name in self.parameters))
+    def key(self, recipe: Any, system: CoordinateSystem, sources: Sources | None = None) -> str:
+        """The key of the step's code with that of the methods it is given, of their parameters, and of the
+        reference system; `sources` are those of this package unless others are given."""
+        values = [getattr(recipe, name) for name in self.parameters]
+        modules = [self.module, *(module for value in values for module in modules_of(value))]
+        code = (sources or package_sources()).digest(modules)
+        return key_of(self.name, code, system, values)
 
 
-GONE = Step("gone")
-FLOORS = Step("floors")
-WIDE = Step("wide", ("ground",))
-DECKS = Step("decks")
-GROUND = Step("ground", ("ground", "use_classes", "ground_classes"))
-BLOCKS = Step("blocks", ("sees_wide", "detect", "use_classes", "vegetation", "others", "keeps_low"))
-BUILDINGS = Step("buildings", ("outline", "units", "roof", "reconstruct", "lod", "overhangs"))
-NAMED, EDITED = Step("named"), Step("edited")
+POINTS = Step("points", "eaves.run.partition")
+GONE = Step("gone", "eaves.run.replace")
+FLOORS = Step("floors", "eaves.blocks.wide")
+WIDE = Step("wide", "eaves.blocks.wide", ("ground",))
+DECKS = Step("decks", "eaves.blocks.wide")
+GROUND = Step("ground", "eaves.blocks.ground", ("ground", "use_classes", "ground_classes"))
+BLOCKS = Step(
+    "blocks",
+    "eaves.blocks.block",
+    ("sees_wide", "detect", "use_classes", "vegetation", "others", "keeps_low"),
+)
+BUILDINGS = Step(
+    "buildings",
+    "eaves.buildings.owned",
+    ("outline", "units", "roof", "reconstruct", "lod", "overhangs", "keeps_low"),
+)
+NAMED = Step("named", "eaves.change.upkeep.versions")
+EDITED = Step("edited", "eaves.change.upkeep.corrected")
 """Layers over the buildings found: of those that an update gave their ids and versions, and of those that
 edits are of."""
 STEPS = (GONE, FLOORS, WIDE, DECKS, GROUND, BLOCKS, BUILDINGS, NAMED, EDITED)
 """In the order in which they run; ARCHITECTURE.md says of each its unit, inputs and reach."""
+
+
+def modules_of(value: Any) -> Iterator[str]:
+    """The modules of the classes of a parameter and of what it is made of, where they are of this package."""
+    module = type(value).__module__
+    if module.startswith(f"{PACKAGE}."):
+        yield module
+        for part in vars(value).values():
+            yield from modules_of(part)
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,10 @@ from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, cast, get_args
 
 from eaves.formats import InputError
 from eaves.methods import MethodChoice
-from eaves.model import BLOCK_SIDE, Bounds
-from eaves.model.checks import check_positive
+from eaves.model import Bounds
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
 """The outputs there are; see `eaves.flow.outputs`, and `eaves.report` for the last."""
-NARROWEST, WIDEST = 6.0, 100_000.0
-"""Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
 POLYGONS = ("clip", "footprints", "party_walls")
 """The options that name a file of polygons."""
@@ -185,15 +182,6 @@ class RunOptions(TypedDict, total=False):
             False,
         ),
     ]
-    block: Annotated[
-        float,
-        Option(
-            "Side (m, ≥ 6) of the area whose points are loaded at once to find its ground, at least 240 m; "
-            "the result is the same.",
-            BLOCK_SIDE,
-            again=True,
-        ),
-    ]
     jobs: Annotated[int, Option("Processes; 0 is one a core, one for small data.", 1, panel="run")]
     scheduler: Annotated[str | None, Option("Address of an existing Dask scheduler: tcp://host:port.")]
     memory: Annotated[
@@ -292,7 +280,7 @@ def check_options(given: RunOptions) -> RunOptions:
     TypeError, ValueError
         When one does not exist, has another type, or is out of range.
     InputError
-        When a block or bounds are numbers that no run can use, or an output does not exist.
+        When bounds are numbers that no run can use, or an output does not exist.
     """
     unknown = given.keys() - DECLARED.keys()
     if unknown:
@@ -300,14 +288,10 @@ def check_options(given: RunOptions) -> RunOptions:
     options: RunOptions = {**DEFAULT_OPTIONS, **given}
     options["outputs"] = tuple(options["outputs"] or EVERYTHING)
     options["formats"] = tuple(options["formats"] or ())
-    check_positive(options["block"], "block")
     check_outputs(options["outputs"])
-    options["block"] = side = round(options["block"], 4)  # corners of blocks lie on the grid (`GRID_STEP`)
     jobs, bounds = options["jobs"], options["bounds"]
     if not isinstance(jobs, int) or jobs < 0:
         raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
-    if not NARROWEST <= side <= WIDEST:
-        raise InputError(f"--block {side}: the side of a block lies between {NARROWEST:g} and {WIDEST:g} m")
     if bounds is not None:
         options["bounds"] = checked_bounds(bounds)
     if options["footprints"] is not None and options["party_walls"] is not None:

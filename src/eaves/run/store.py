@@ -23,13 +23,13 @@ from eaves.model.block import extremes
 from eaves.model.cloud import GRID_STEP, PER_METRE
 from eaves.run.keys import GONE, GROUND, STEPS, Mark, Step, key_of
 from eaves.run.part_file import is_whole_part, open_part, save_part
-from eaves.run.world_squares import GROUND_SQUARE, squares_of, squares_touching
+from eaves.run.world_squares import squares_touching
 
 log = logging.getLogger("eaves")
 
 REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for."""
-FORM = 5
+FORM = 6
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -51,36 +51,6 @@ class Task:
 
     unit: Any
     read: str
-
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where the points (N,) of a cloud are kept: their numbers among all points of some blocks, which are
-    counted on from block to block, and in a block file by file."""
-
-    range_of: Mapping[Block, tuple[int, int]]
-    """Block → the first number in it, and the one behind its last."""
-    number: NDArray[np.int64]
-
-    def count(self, block: Block) -> int:
-        """How many points a block has."""
-        start, end = self.range_of[block]
-        return end - start
-
-    def within(self, block: Block) -> NDArray[np.int32]:
-        """The numbers (K,) in a block of those of the cloud's points that lie in it, in their order."""
-        start, end = self.range_of[block]
-        own = self.number[(self.number >= start) & (self.number < end)]
-        return (own - start).astype(np.int32)
-
-    def of(self, block: Block, among: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """Which of some points (by their places in the cloud) lie in a block, and their numbers in it, which
-        rise."""
-        start, end = self.range_of[block]
-        number = self.number[among]
-        own = np.flatnonzero((number >= start) & (number < end))
-        own = own[np.argsort(number[own], kind="stable")]
-        return own, (number[own] - start).astype(np.int32)
 
 
 @dataclass(frozen=True)
@@ -165,30 +135,21 @@ class Store:
         gone = self.gone(block)
         return [records[~np.isin(records["point_id"], gone)] for records in files] if len(gone) else files
 
-    def load_cloud(self, block: Block, reach: float) -> PointCloud:
-        """The points of a block and of its surroundings up to `reach` (m), about the block's corner, in
-        canonical order."""
-        return self.load_points(block.bounds.buffered(reach), block.origin, block.side)[0]
-
     def load_points(
-        self,
-        bounds: Bounds,
-        origin: tuple[float, float],
-        side: float,
-        classified: bool = False,
-        ids: bool = True,
-    ) -> tuple[PointCloud, Places]:
-        """The points within `bounds` (world metres) about `origin`, from blocks of a side (m), in canonical
-        order, and where in the blocks they are. With `classified` they bear the classes of the ground step,
-        with `ids` their own.
+        self, block: Block, reach: float, classified: bool = False, ids: bool = True
+    ) -> tuple[PointCloud, NDArray[np.int32]]:
+        """The points of a block and of its surroundings up to `reach` (m), about the block's corner, in
+        canonical order; and of those inside the block (K,) their numbers in it, which count on from file to
+        file. With `classified` they bear the classes of the ground step, with `ids` their own.
         """
+        bounds = block.bounds.buffered(reach)
         west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
         range_of: dict[Block, tuple[int, int]] = {}
         seen, count = [], 0
         rows = np.zeros((north - south) // PER_METRE + 2, np.int64)
         # from south to north and west to east: dealt out to rows of cells, the points are in order where each
         # block has them from one file and the cells of blocks agree
-        for near in sorted(squares_touching(bounds, side), key=lambda block: (block.row, block.column)):
+        for near in sorted(squares_touching(bounds, block.side), key=lambda block: (block.row, block.column)):
             right, up = (round(way / GRID_STEP) for way in near.origin)
             limits, start = (west - right, south - up, east - right, north - up), count
             for records in self.map_points(near):
@@ -196,7 +157,7 @@ class Store:
                 if len(which):
                     seen.append((near, records, which, count))
                 count += len(records)
-            if count > start:
+            if seen and seen[-1][0] == near:
                 range_of[near] = start, count
         fields = {"point_id": ids, "return_number": self.has_returns, "number_of_returns": self.has_returns}
         fields["classification"] = self.has_classes
@@ -205,44 +166,43 @@ class Store:
         xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
         ordered = len(seen) == len({near for near, *_ in seen})
         for near, records, which, first in seen:
-            right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, origin))
+            right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, block.origin))
             ordered &= right % PER_METRE == 0 == up % PER_METRE
             low = south - round(near.origin[1] / GRID_STEP)
             place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
             number[place] = which + first
             for name, values in arrays.items():
                 values[place] = records[name].take(which)
-        cloud = PointCloud(xyz, origin, **arrays, system=self.system, ordered=ordered)
+        cloud = PointCloud(xyz, block.origin, **arrays, system=self.system, ordered=ordered)
         order = cloud.canonical_order()
-        places = Places(range_of, number.take(order))
-        cloud = replace(cloud.take(order), ordered=True)
-        return (self._with_ground(cloud, places) if classified else cloud), places
+        cloud, number = replace(cloud.take(order), ordered=True), number.take(order)
+        start, end = range_of.get(block, (0, 0))
+        inside = number[(number >= start) & (number < end)] - start
+        if classified and total:
+            ground = self.ground_of(range_of)
+            cloud = cloud.with_(classification=ground["class"].take(number))
+            part = ground["part"].take(number)
+            cloud = cloud.with_(part=part) if part.any() else cloud
+        return cloud, inside.astype(np.int32)
 
-    def _with_ground(self, cloud: PointCloud, places: Places) -> PointCloud:
-        count = max((end for _, end in places.range_of.values()), default=0)
-        found = {name: np.zeros(count, np.uint8) for name in ("known", "class", "part")}
-        for block, (start, end) in places.range_of.items():
-            known, classes, part = (values[start:end] for values in found.values())
-            for square in squares_of([block.bounds], GROUND_SQUARE):
-                if not self.has(GROUND, square):
-                    continue
-                with open_part(self.path(GROUND, square)) as file:
-                    if f"class-{block.name}" in file:
-                        all_of = f"number-{block.name}" not in file
-                        number = np.s_[:] if all_of else file[f"number-{block.name}"]
-                        known[number], classes[number] = 1, file[f"class-{block.name}"]
-                        if f"part-{block.name}" in file:
-                            part[number] = file[f"part-{block.name}"]
-        known, classes, part = (values.take(places.number) for values in found.values())
-        if not known.all():
-            raise RuntimeError("the ground under some of its points could not be found")
-        return cloud.with_(classification=classes, part=part if part.any() else None)
+    def ground_of(self, range_of: Mapping[Block, tuple[int, int]]) -> dict[str, NDArray[np.uint8]]:
+        """Classes (N,) and parts (N,) that the ground step gave the points of some blocks, by their numbers.
 
-    def ground_seconds(self, block: Block) -> float:
-        """CPU seconds of the ground stage in the squares whose south-west corner a block holds."""
-        squares = squares_of([block.bounds], GROUND_SQUARE)
-        own = [one for one in squares if Block.at(*one.origin, block.side) == block and self.has(GROUND, one)]
-        return sum(float(self.array(GROUND, square, SECONDS)) for square in own)
+        Raises
+        ------
+        RuntimeError
+            Where it failed in one of them.
+        """
+        ground = {
+            name: np.zeros(max(end for _, end in range_of.values()), np.uint8) for name in ("class", "part")
+        }
+        for block, (start, end) in range_of.items():
+            if not self.has(GROUND, block):
+                raise RuntimeError("the ground under some of its points could not be found")
+            with open_part(self.path(GROUND, block)) as file:
+                for name in ground.keys() & set(file):
+                    ground[name][start:end] = file[name]
+        return ground
 
     def path(self, step: Step, unit: Block) -> Path:
         """The file of the result of a step for a block or a square."""

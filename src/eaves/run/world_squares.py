@@ -7,12 +7,9 @@ from itertools import product
 from math import ceil
 
 from eaves.model import Block, Bounds
-from eaves.model.block import BLOCK_SIDE
 
 WIDE_SQUARE = 480.0
 """Side of the squares (m) in which what is wide is looked for: a whole multiple of all cells."""
-GROUND_SQUARE = BLOCK_SIDE
-"""Side of the squares (m) in which the ground is found."""
 
 
 def squares_of(bounds: Sequence[Bounds], side: float) -> list[Block]:

@@ -20,7 +20,7 @@ from eaves.formats import InputError
 from eaves.methods import resolve_method
 from eaves.recipe.recipe import Recipe
 from eaves.run.index import Index
-from eaves.run.options import METHOD_OPTIONS
+from eaves.run.options import DECLARED, METHOD_OPTIONS
 from eaves.run.store import REQUEST
 from eaves.surroundings.vegetation import VegetationRules
 
@@ -54,14 +54,18 @@ def read_request(folder: Path) -> Request:
     path = folder / WORK / REQUEST
     if not folder.is_dir():
         raise InputError.about(folder, "does not exist", "give what `eaves build --keep` wrote")
+    other = InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY)
     try:
-        return Request(**json.loads(path.read_text(encoding="utf-8")))
+        request = Request(**json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise InputError.about(folder, "keeps no parts of its run", REMEDY) from None
     except TypeError:
-        raise InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY) from None
+        raise other from None
     except (ValueError, RecursionError):
         raise InputError.about(path, "is damaged", REMEDY) from None
+    if request.options.keys() - DECLARED.keys():
+        raise other
+    return request
 
 
 def open_kept(

@@ -1,0 +1,191 @@
+"""The code of a step as one short word: a digest of the source of every module that it can run.
+
+Comments, docstrings, formatting and imports for types alone change nothing, for they change no result. The
+digest of a module is kept beside its bytecode by the SHA-256 of its file, so that a run reads the sources and
+parses none.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from eaves.formats.atomic import atomic
+
+PACKAGE = "eaves"
+DIGITS = 32
+"""Of a digest."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A module's file, its syntax and its imports.
+
+    Parameters
+    ----------
+    file : str
+        SHA-256 of the file.
+    syntax : str
+        Digest of the syntax tree, without docstrings.
+    imports : tuple of str
+        The modules of the package that it imports, also late ones.
+    """
+
+    file: str
+    syntax: str
+    imports: tuple[str, ...]
+
+
+class Sources:
+    """The modules of a package, with what each imports of it.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the package.
+    table : Path or None
+        File that keeps the digests from run to run; None keeps them in memory alone.
+
+    Examples
+    --------
+    >>> from eaves.run.code import package_sources
+    >>> package_sources().digest(["eaves.kernels"]) == package_sources().digest(["eaves.methods"])
+    False
+    """
+
+    def __init__(self, folder: Path, table: Path | None = None) -> None:
+        self.folder, self.table = folder, table
+        self._kept = read_table(table)
+        self._read: dict[str, Source | None] = {}
+        self._digests: dict[tuple[str, ...], str] = {}
+
+    def digest(self, modules: Iterable[str]) -> str:
+        """The digest of modules and of all that they import, directly or not.
+
+        Parameters
+        ----------
+        modules : iterable of str
+            Their names.
+
+        Returns
+        -------
+        str
+            A word of `DIGITS` hexadecimal digits.
+        """
+        names = tuple(modules)
+        if names not in self._digests:
+            syntax = hashlib.sha256()
+            for name in sorted(self.closure(names)):
+                source = self.source(name)
+                syntax.update(f"{name} {'' if source is None else source.syntax}\n".encode())
+            self._digests[names] = syntax.hexdigest()[:DIGITS]
+        return self._digests[names]
+
+    def closure(self, modules: Iterable[str]) -> set[str]:
+        """The names of modules and of all that they import, directly or not."""
+        reached, waiting = set[str](), list(modules)
+        while waiting:
+            name = waiting.pop()
+            source = None if name in reached else self.source(name)
+            reached.add(name)
+            waiting += () if source is None else source.imports
+        self._save()
+        return reached
+
+    def source(self, name: str) -> Source | None:
+        """A module as its file stands; None where it has no source."""
+        if name not in self._read:
+            path = self.path(name)
+            content = b"" if path is None else path.read_bytes()
+            file = hashlib.sha256(content).hexdigest()
+            source = self._kept.get(name)
+            if path is not None and (source is None or source.file != file):
+                tree = effective_syntax(content)
+                syntax = hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest()
+                source = Source(file, syntax[:DIGITS], tuple(sorted(set(self.imports(tree)))))
+            self._read[name] = None if path is None else source
+        return self._read[name]
+
+    def path(self, name: str) -> Path | None:
+        """The file of a module; None where there is none."""
+        place = self.folder.joinpath(*name.split(".")[1:])
+        paths = place / "__init__.py", place.with_name(f"{place.name}.py")
+        return next((path for path in paths if path.exists()), None)
+
+    def imports(self, tree: ast.AST) -> Iterator[str]:
+        """The modules of the package that are imported anywhere in a tree."""
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names if alias.name.startswith(f"{PACKAGE}."))
+            elif isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{PACKAGE}."):
+                yield from (self.origin(str(node.module), alias.name) for alias in node.names)
+
+    def origin(self, package: str, name: str) -> str:
+        """The module that an imported name is of: itself, that which a stub says, or the one it is from."""
+        if self.path(f"{package}.{name}") is not None:
+            return f"{package}.{name}"
+        stub = self.folder.joinpath(*package.split(".")[1:], "__init__.pyi")
+        if stub.exists():  # its names are loaded when they are first used
+            for node in ast.parse(stub.read_bytes()).body:
+                if isinstance(node, ast.ImportFrom) and name in [alias.name for alias in node.names]:
+                    return f"{package}.{node.module}" if node.level else str(node.module)
+        return package
+
+    def _save(self) -> None:
+        sources = {name: source for name, source in self._read.items() if source is not None}
+        table = {**self._kept, **sources}
+        if self.table is None or table == self._kept:
+            return
+        self._kept = table
+        with suppress(OSError):  # a package that only others may write: its sources are parsed again
+            self.table.parent.mkdir(exist_ok=True)
+            with atomic(self.table) as temporary:
+                entries = {name: list(vars(source).values()) for name, source in table.items()}
+                temporary.write_text(json.dumps(entries), encoding="utf-8")
+
+
+@cache
+def package_sources() -> Sources:
+    """The sources of this package, read once a process."""
+    folder = Path(__file__).parents[1]
+    return Sources(folder, folder / "__pycache__" / f"code.{sys.implementation.cache_tag}.json")
+
+
+def read_table(path: Path | None) -> dict[str, Source]:
+    """The sources that a table keeps, by name; none where it cannot be read."""
+    try:
+        entries = {} if path is None else json.loads(path.read_text(encoding="utf-8"))
+        return {
+            name: Source(file, syntax, tuple(imports)) for name, (file, syntax, imports) in entries.items()
+        }
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
+
+
+def effective_syntax(content: bytes) -> ast.Module:
+    """The syntax tree of a module without what no result follows from: docstrings and imports for types."""
+    tree = ast.parse(content)
+    for node in ast.walk(tree):
+        for name in ("body", "orelse", "finalbody"):
+            statements = getattr(node, name, None)
+            if isinstance(statements, list):
+                setattr(node, name, [statement for statement in statements if is_effective(statement)])
+    return tree
+
+
+def is_effective(statement: ast.stmt) -> bool:
+    """Whether a statement is neither a text by itself nor a branch for checkers of types."""
+    if isinstance(statement, ast.Expr):
+        return not (isinstance(statement.value, ast.Constant) and isinstance(statement.value.value, str))
+    return not (
+        isinstance(statement, ast.If)
+        and isinstance(statement.test, ast.Name)
+        and statement.test.id == "TYPE_CHECKING"
+    )
