@@ -4,7 +4,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends python3-venv &&
 COPY pyproject.toml README.md LICENSE /source/
 COPY src /source/src
 RUN python3 -m venv /opt/eaves && /opt/eaves/bin/pip install --no-cache-dir --only-binary :all: \
-    --no-binary eaves "/source[parquet,postgis]"
+    --no-binary eaves "/source[parquet]"
 # The kernels are compiled once, here, and not in every container.
 RUN /opt/eaves/bin/eaves doctor
 

@@ -7,7 +7,7 @@ from eaves.model.columns import COLUMNS, LAYERS, Column
 INTRODUCTION = """# Columns
 
 Every column of the layers of a run. The page is made from the same declarations as the titles in QGIS and the
-comments in PostGIS. Heights, areas and volumes are in metres, also where the coordinates are in feet.
+comments in the GeoPackage. Heights, areas and volumes are in metres, also where the coordinates are in feet.
 
 The layer `footprints` has the main columns, the table `attributes` of the same file further ones. `id` joins
 them:
@@ -15,7 +15,7 @@ them:
 ogr2ogr all.gpkg out/footprints.gpkg -dialect sqlite \\
   -sql "SELECT * FROM footprints LEFT JOIN attributes USING (id)"
 ```
-The formats geojson, fgb and parquet, PostGIS, `eaves.to_geopandas` and the CityJSON have all together.
+The formats geojson, fgb and parquet, `eaves.to_geopandas` and the CityJSON have all together.
 Columns of a map (`given_…`), of an update or an edit, and `tile` of a run by tiles follow in `footprints`.
 """
 TITLES = {

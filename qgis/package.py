@@ -68,12 +68,8 @@ LEFT_OUT = {
     "strict",
     "per_tile",
     "help",
-    "extension",
     "site",
     "basemap",
-    "postgis",
-    "schema",
-    "replace",
     "edits",
 }
 """Options that a tool has no use for, or gives itself."""

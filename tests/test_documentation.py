@@ -40,7 +40,8 @@ def test_generated_pages_are_up_to_date() -> None:
     assert [path.as_posix() for path in outdated()] == [], "run make docs"
 
 
-def test_examples_of_the_researchers_guide_run() -> None:
+def test_examples_of_the_researchers_guide_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     found = doctest.testfile(str(DOCS / "guides" / "researcher.md"), module_relative=False)
     assert found.attempted > 10 and found.failed == 0
 

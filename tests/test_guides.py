@@ -24,7 +24,6 @@ OREGON = np.array([636000.0, 849000.0, 400.0])
 NOT_RUN = {
     "eaves view out": "it opens a browser: tests/report",
     "eaves build tiles/ -o out --scheduler tcp://head:8786 --resume": "there is no cluster",
-    "eaves build tiles/ -o out2 --config out/calibration.toml": "one verdict calibrates nothing",
 }
 """Command → why it is not run here."""
 

@@ -19,8 +19,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from benchmarks.table import keep
-from eaves.evaluate.wireframes import NOTHING, Wireframe, evaluate_wireframe, read_wireframe, sum_scores
-from eaves.formats.models.obj_wireframe import DRAWN_DETAIL, roof_wireframe
+from benchmarks.wireframes.drawing import DRAWN_DETAIL, roof_wireframe
+from benchmarks.wireframes.scores import NOTHING, Wireframe, evaluate_wireframe, read_wireframe, sum_scores
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane

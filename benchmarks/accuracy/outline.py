@@ -23,12 +23,12 @@ from benchmarks.accuracy.outline_detected import (
     delft_detected,
     detected_rows,
     drawn_together,
+    not_last,
     snap_rows,
 )
 from benchmarks.table import keep
-from eaves.blocks.block import not_last
+from benchmarks.wireframes.scores import read_wireframe
 from eaves.evaluate.footprints import count_vertices, outline_distances
-from eaves.evaluate.wireframes import read_wireframe
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import make_method
 from eaves.model import Failure, Points

@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from shapely import Polygon, STRtree
 
 from benchmarks.table import keep
-from eaves.blocks.block import not_last
 from eaves.blocks.block_file import CANDIDATE_HEIGHT
 from eaves.buildings.gather import MARGIN
 from eaves.detect import detect_buildings
@@ -41,6 +40,13 @@ LEAST_M2 = 10.0
 """Smaller buildings are not asked for here: the detector's own floor would decide the figure."""
 MAP_OFF_M = (0.8, -0.6)
 """How far the map is moved before it is snapped back."""
+
+
+def not_last(cloud: PointCloud) -> Mask:
+    """The points (N,) whose pulses came back once more from below; none where the scan does not say."""
+    if cloud.return_number is None or cloud.number_of_returns is None:
+        return np.zeros(len(cloud), bool)
+    return np.asarray(cloud.return_number < cloud.number_of_returns)
 
 
 @dataclass(frozen=True, eq=False)

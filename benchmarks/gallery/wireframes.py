@@ -16,8 +16,8 @@ from scipy.spatial.distance import cdist
 
 from benchmarks.accuracy.models import Drawn, building3d
 from benchmarks.gallery.solids import FOLDER, save_small
-from eaves.evaluate.wireframes import CORNER_RADIUS, NOTHING, Wireframe, evaluate_wireframe
-from eaves.formats.models.obj_wireframe import DRAWN_DETAIL, roof_wireframe
+from benchmarks.wireframes.drawing import DRAWN_DETAIL, roof_wireframe
+from benchmarks.wireframes.scores import CORNER_RADIUS, NOTHING, Wireframe, evaluate_wireframe
 from eaves.reconstruct.arrangement import Arrangement
 
 EVERY_CORNER = 0.05

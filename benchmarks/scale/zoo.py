@@ -41,10 +41,10 @@ LARGEST_TRUTH = 50_000_000
 """More points than any sample has, and laspy would fill memory with what a wrong header states."""
 PLANE = "EPSG:3857"
 """The system given in place of one that no build takes, so that the points can be compared all the same."""
-SAME, SYSTEM, SALVAGED = "same points", "its system refused", "only with --salvage"
+SAME, SYSTEM = "same points", "its system refused"
 REFUSED_TOO, MORE = "refused, as by laspy", "laspy refuses"
 NOTHING, UNCOUNTED = "refused, laspy reads no place", "more than is counted"
-GOOD = (SAME, SYSTEM, SALVAGED, REFUSED_TOO, MORE, NOTHING, UNCOUNTED)
+GOOD = (SAME, SYSTEM, REFUSED_TOO, MORE, NOTHING, UNCOUNTED)
 NOTE = (
     "Same points: coordinates, returns and classes are those of laspy. Its system refused: in one line; "
     "with a system that is given the points are the same. Laspy refuses: opened, and all points read. "
@@ -114,10 +114,7 @@ def verdict(path: Path, compared_to_laspy: bool) -> tuple[str, str]:
         if known is None:
             return REFUSED_TOO, line
         word = f"refused, laspy reads {len(known.points)} points"
-        if "--salvage" in line:
-            compared = compare(open_source(path, PLANE, salvage=True), known)
-            word = SALVAGED if compared == SAME else f"{word}, with --salvage {compared}"
-        return word if word == SALVAGED or says_a_place(known) else NOTHING, line
+        return word if says_a_place(known) else NOTHING, line
     if compared != SAME:
         return compared, refusal
     return (SYSTEM if refusal else MORE if known is None else SAME), refusal

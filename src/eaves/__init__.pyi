@@ -54,11 +54,8 @@ from .reconstruct.moments import Moments as Moments
 from .reconstruct.plane_intersection import PlaneIntersection as PlaneIntersection
 from .reconstruct.prism import Prism as Prism
 from .report.build import build as build
-from .report.convert import explore as explore
 from .report.convert import to_geopandas as to_geopandas
-from .report.convert import to_open3d as to_open3d
 from .report.convert import to_trimesh as to_trimesh
-from .report.convert import to_xarray as to_xarray
 from .report.notebook import Results as Results
 from .roof import RoofMethod as RoofMethod
 from .roof import segment_roof as segment_roof

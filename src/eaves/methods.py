@@ -237,7 +237,7 @@ def method_class(stage: str, name: str) -> type[Method]:
     Parameters
     ----------
     stage : str
-        `ground`, `detect`, `outline`, `roof` or `reconstruct`.
+        `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
     name : str
         A name in `REGISTRY[stage]`.
 
@@ -277,7 +277,7 @@ def make_method(
     Parameters
     ----------
     stage : str
-        `ground`, `detect`, `outline`, `roof` or `reconstruct`.
+        `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
     name : str or None
         A name in `REGISTRY[stage]`; None is the stage's default.
     parameters : dict or None
@@ -317,7 +317,7 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool | str = Fal
     Parameters
     ----------
     stage : str
-        `ground`, `detect`, `outline`, `roof` or `reconstruct`.
+        `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
     choice : Method, str, mapping or None
         A method, its name, its parameters (with its name under `method`), or None for the stage's default.
     published : bool or str

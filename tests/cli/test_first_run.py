@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import threading
 from importlib.metadata import version
 from pathlib import Path
@@ -92,20 +91,3 @@ def test_summary_of_a_build_counts_buildings() -> None:
     summary = Summary(Path("out"), 10, 2, 1, {"2.2": 1}, {"no_plane": 1}, {}, {}, 1.0, (), trust=trust)
     assert "2 buildings found = 1 modelled + 1 failed" in summary.as_text()
     assert "2 buildings: 1 high, 0 medium, 1 to review" in summary.as_text().splitlines()
-
-
-def test_what_compiles_beside_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    started: list[subprocess.Popen[bytes]] = []
-    begin = subprocess.Popen
-
-    def start(words: list[str], **streams: int) -> subprocess.Popen[bytes]:
-        assert words[1:] == ["-m", "eaves.cli.first_run"]
-        started.append(begin([words[0], "-c", "import time; time.sleep(60)"], **streams))  # type: ignore[call-overload]
-        return started[0]
-
-    monkeypatch.setattr(first_run.subprocess, "Popen", start)
-    with first_run.compiling_beside(False):
-        assert not started
-    with first_run.compiling_beside(True):
-        assert started[0].poll() is None
-    assert started[0].returncode is not None

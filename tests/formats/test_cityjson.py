@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from shapely import Polygon, box
+from tests.formats.cityjson_schema import schema_defects
 
 from eaves.formats import InputError, read_cityjson, write_cityjson, write_cityjson_seq
 from eaves.formats.crs import parse_crs, system_of
@@ -19,6 +20,7 @@ from eaves.formats.models.cityjson import SURFACES, WKT_MEMBER
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.simulate.objects.roofs import ExactScene
 from eaves.validate import validate_file
 
 ORIGIN = (84960.0, 447120.0)
@@ -215,6 +217,7 @@ def test_a_part_gives_way_to_a_building_of_its_id(tmp_path: Path) -> None:
         }
         assert sorted(objects["h"]["children"]) == ["h-1~2", "h-2"]
         assert not {finding.code for finding in validate_file(path)} - {601}
+        assert schema_defects(path) == []
 
 
 @pytest.mark.parametrize("pair", [("a b", "a_b"), ("1", "_1"), ("a/b", "a_x2f_b"), ("ä", "_xe4_")])
@@ -229,3 +232,18 @@ def test_corners_of_a_footprint_a_millimetre_apart_are_written_as_one(tmp_path: 
     footprint = Footprint(Polygon(corners), id="h")
     write_cityjson(tmp_path / "a.city.json", [Failure("no_points", "none", "tiling", footprint)])
     assert not validate_file(tmp_path / "a.city.json")
+    assert schema_defects(tmp_path / "a.city.json") == []
+
+
+def test_files_are_as_the_schema_of_the_standard_says(tmp_path: Path, nine_roofs: ExactScene) -> None:
+    """Of buildings with all that is written of them, and one without a model; and a break of it is seen."""
+    models = [house("a", 2), *(building.model() for building in nine_roofs.buildings)]
+    failure = Failure("no_points", "none", "tiling", house("b").footprint)
+    for name, write in WRITERS.items():
+        write(tmp_path / name, [*models, failure], SYSTEMS["compound"])
+        assert schema_defects(tmp_path / name) == []
+        text = (tmp_path / name).read_text(encoding="utf-8")
+        for old, new in (('"lod":"2.2"', '"lod":2.2'), ('"RoofSurface"', '"Attic"'), ('"2.0"', '"2.1"')):
+            assert old in text
+            (tmp_path / "wrong.json").write_text(text.replace(old, new), encoding="utf-8")
+            assert schema_defects(tmp_path / "wrong.json") != []

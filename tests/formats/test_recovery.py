@@ -1,4 +1,4 @@
-"""Points are read to the end of a file whatever its header counts; of a cut one, what is whole."""
+"""Points are read to the end of a file whatever its header counts; a file that is cut off is refused."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def with_count(path: Path, count: int) -> Path:
     return path
 
 
-def points_of(path: Path, salvage: bool = False) -> np.ndarray:
-    source = index_inputs([path], None, [], salvage=salvage).source(0)
+def points_of(path: Path) -> np.ndarray:
+    source = index_inputs([path], None, []).source(0)
     return np.concatenate([chunk.xyz for chunk in iter_chunks(source)])
 
 
@@ -59,9 +59,8 @@ def test_a_count_too_small_loses_no_point_in_silence(
         if count == 60_000:
             count = 40_000  # less than its first chunk alone
             with_count(path, count)
-        with pytest.raises(InputError, match="--salvage"):
+        with pytest.raises(InputError, match="write it again"):
             open_source(path)
-        assert np.array_equal(points_of(path, salvage=True), whole[:100_000])
     else:
         assert np.array_equal(points_of(path), whole)
 
@@ -87,28 +86,14 @@ def test_what_follows_the_points_is_no_point(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("point_format", "suffix"), [(1, ".laz"), (6, ".laz"), (1, ".las"), (6, ".copc.laz")]
 )
-def test_of_a_cut_file_whole_chunks_are_recovered(point_format: int, suffix: str, tmp_path: Path) -> None:
+def test_a_cut_file_is_refused_with_the_remedy(point_format: int, suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
     if "copc" in suffix:
         write_copc(path, cloud(6, 5000), levels=3)
     else:
         cloud(point_format).write(path)
-    whole = points_of(path)
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * 0.9)])
-    with pytest.raises(InputError, match=r"cut off|copy or download"):
+    with pytest.raises(InputError, match="copy or download it again"):
         points_of(path)
-    found = points_of(path, salvage=True)
-    assert 0 < len(found) < len(whole)
-    assert np.array_equal(found, whole[: len(found)])
-    assert len(found) >= (100_000 if suffix == ".laz" else 0.3 * len(whole))
-
-
-def test_a_run_uses_what_is_recovered(tmp_path: Path) -> None:
-    cloud(6).write(tmp_path / "a.laz")
-    whole = (tmp_path / "a.laz").read_bytes()
-    (tmp_path / "a.laz").write_bytes(whole[: int(0.9 * len(whole))])
-    options = {"lod": "0", "outputs": ("classified",)}
-    with pytest.raises(InputError):
-        build(tmp_path / "a.laz", tmp_path / "out", **options)
-    assert build(tmp_path / "a.laz", tmp_path / "out", salvage=True, **options).points == 100_000
-    assert len(laspy.read(tmp_path / "out" / "classified.laz")) == 100_000
+    with pytest.raises(InputError, match="copy or download it again"):
+        build(path, tmp_path / "out", lod="0", outputs=("classified",))

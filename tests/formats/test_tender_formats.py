@@ -1,13 +1,11 @@
-"""CityGML, layers by level, roof planes, GeoJSON and PostGIS: opened by others, as exact as put in."""
+"""CityGML, layers by level, roof planes and GeoJSON: opened by others, as exact as put in."""
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
@@ -16,24 +14,20 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from benchmarks.wireframes.drawing import roof_wireframe
 from shapely import Polygon
 
 from eaves.formats import (
-    InputError,
     read_cityjson,
     write_citygml,
     write_cityjson,
     write_cityjson_seq,
     write_dxf,
-    write_geopackage,
     write_geoparquet,
     write_lod_layers,
-    write_postgis,
 )
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.models.citygml import CITYGML_2, CITYGML_3, Version
-from eaves.formats.models.obj_wireframe import roof_wireframe
-from eaves.formats.models.postgis import hidden
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
 from eaves.simulate import nine_roofs_on_a_slope
@@ -43,7 +37,6 @@ DUTCH = system_of(parse_crs("28992+5709"), "test", (0.0, 0.0))
 FEET = system_of(parse_crs("EPSG:2994"), "test", (0.0, 0.0))
 PLACE = (85000.0, 447000.0)
 ROOF = Polygon([(85000, 447000, 3), (85010, 447000, 3), (85010, 447003, 6), (85000, 447003, 6)])
-POSTGRES = Path("/usr/lib/postgresql/15/bin")
 
 
 @pytest.fixture(scope="module")
@@ -228,68 +221,3 @@ def test_what_cjio_makes_of_it_is_whole_and_valid(
         made = Path(words[-1])
         assert sum(one.type == "Building" for one in read_cityjson(made).values()) == count
         assert validate_file(made) == []
-
-
-@pytest.fixture(scope="module")
-def database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A PostgreSQL of its own with PostGIS, on a socket in a folder."""
-    pytest.importorskip("psycopg")
-    if not (POSTGRES / "initdb").exists() or not list(
-        Path("/usr/share/postgresql").glob("*/extension/postgis.control")
-    ):
-        pytest.skip("PostgreSQL with PostGIS is not installed")
-    folder = Path("/tmp") / f"eaves-postgres-{os.getpid()}"  # a socket's path has 107 characters at most
-    folder.mkdir()
-    user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
-    if user:
-        shutil.chown(folder, "postgres")
-    start = f"-k {folder} -c listen_addresses= -p 54319 -c fsync=off"
-    subprocess.run([*user, POSTGRES / "initdb", "-D", folder / "data", "-A", "trust", "-U", "postgres"],
-                   check=True, capture_output=True, cwd=folder)  # fmt: skip
-    control = [*user, POSTGRES / "pg_ctl", "-D", folder / "data", "-l", folder / "log", "-w"]
-    subprocess.run([*control, "-o", start, "start"], check=True, capture_output=True, cwd=folder)
-    try:
-        yield f"postgresql:///postgres?host={folder}&port=54319&user=postgres"
-    finally:
-        subprocess.run([*control, "-m", "immediate", "stop"], capture_output=True, cwd=folder)
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def test_postgis_answers_with_the_areas_that_were_put_in(
-    tmp_path: Path, town: list[BuildingModel | Failure], database: str
-) -> None:
-    import psycopg
-
-    house = shapely.box(85000, 447000, 85010, 447006)
-    write_geopackage(
-        tmp_path / "footprints.gpkg",
-        [Row(house, {"id": "a", "area_m2": 60.0, "failure_code": None, "points": 12})],
-        [Row(ROOF, {"building_id": "a", "no_data": False})],
-        DUTCH,
-    )
-    write_cityjson_seq(tmp_path / "buildings.city.jsonl", town, DUTCH)
-    counts = write_postgis(tmp_path, database, "town")
-    assert counts["footprints"] == counts["roof_planes"] == 1 and counts["surfaces"] > 27
-    with psycopg.connect(database) as connection:
-        query = "SELECT st_area(geom), area_m2, failure_code, points, st_srid(geom) FROM town.footprints"
-        assert connection.execute(query).fetchone() == (60.0, 60.0, None, 12, 28992)
-        highest = connection.execute("SELECT max(st_zmax(geom)) FROM town.roof_planes").fetchone()
-        assert highest == (6.0,)
-        query = "SELECT count(DISTINCT id) FROM town.surfaces WHERE surface = 'RoofSurface'"
-        assert connection.execute(query).fetchone() == (9,)
-        query = "SELECT col_description('town.footprints'::regclass, 2)"
-        assert connection.execute(query).fetchone() == (
-            "Area: of a footprint in plan, of a roof face along its slope (m²)",
-        )
-    with pytest.raises(InputError, match="--replace"):
-        write_postgis(tmp_path, database, "town")
-    assert write_postgis(tmp_path, database, "town", replace=True) == counts
-
-
-def test_a_database_that_cannot_be_reached_is_one_line_without_the_password(tmp_path: Path) -> None:
-    pytest.importorskip("psycopg")
-    write_geopackage(tmp_path / "footprints.gpkg", [])
-    address = "postgresql://me:secret@localhost:1/none"
-    with pytest.raises(InputError, match="postgresql://me@localhost:1/none") as caught:
-        write_postgis(tmp_path, address)
-    assert "secret" not in str(caught.value) and hidden(address).startswith("postgresql://me@")

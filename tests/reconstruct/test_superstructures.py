@@ -19,6 +19,7 @@ from eaves.reconstruct.toolkit.superstructures import join_overlapping, stand_bo
 from eaves.roof import segment_roof
 from eaves.simulate.objects.roofs import Masses, chimney, gable, make_building
 from eaves.validate import validate_file, validate_model
+from tests.formats.cityjson_schema import schema_defects
 
 GABLE = gable(14, 9, 0.8)
 
@@ -105,4 +106,5 @@ def test_objects_are_children_of_their_building_in_cityjson(tmp_path: Path) -> N
     text = path.read_text(encoding="utf-8")
     assert '"type":"BuildingInstallation"' in text and '"function":"chimney"' in text
     assert validate_file(path) == []
+    assert schema_defects(path) == []
     assert [building.id for building in read_buildings(path)] == ["house"]

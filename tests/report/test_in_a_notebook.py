@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import sys
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from PIL import Image
 
 import eaves
 from eaves.formats.crs import parse_crs, system_of
-from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Raster, Scene
+from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Scene
 from eaves.model.pictures import cloud_picture, png_bytes, raster_picture
 from eaves.simulate.objects.roofs import ExactScene
 
@@ -105,27 +104,10 @@ def test_trimesh_is_closed_and_has_the_volume(nine_roofs: ExactScene) -> None:
         eaves.to_trimesh(BuildingModel(model.footprint, {}))
 
 
-def test_xarray_has_world_coordinates_of_the_middles() -> None:
-    pytest.importorskip("xarray")
-    raster = Raster(np.arange(6, dtype=np.float32).reshape(2, 3), 10.0, 20.0, 0.5)
-    table = eaves.to_xarray(raster, (100.0, 200.0))
-    assert table.sel(x=111.25, y=219.25, method="nearest").item() == 5.0
-    assert float(table.x[0]) == 110.25 and float(table.y[0]) == 219.75
-
-
-@pytest.mark.parametrize(
-    ("name", "library"), [("to_xarray", "xarray"), ("to_open3d", "open3d"), ("explore", "folium")]
-)
+@pytest.mark.parametrize(("name", "library"), [("to_geopandas", "geopandas"), ("to_trimesh", "trimesh")])
 def test_a_missing_library_is_one_line_with_the_remedy(
-    name: str, library: str, scene: Scene, monkeypatch: pytest.MonkeyPatch
+    name: str, library: str, nine_roofs: ExactScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ImportError, match=rf"^{library} is not installed; pip install '.*'$"):
-        getattr(eaves, name)(scene.cloud if name == "to_open3d" else scene.dtm)
-
-
-def test_explore_of_a_run_is_a_map(nine_roofs_file: Path, tmp_path: Path) -> None:
-    pytest.importorskip("folium")
-    pytest.importorskip("mapclassify")
-    results = eaves.build(nine_roofs_file, tmp_path / "out", jobs=1, lod="1.2", outputs=("footprints",))
-    assert "lod" in results.explore(tiles=None).get_root().render()
+        getattr(eaves, name)(nine_roofs.buildings[0].model())

@@ -10,6 +10,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from tests.formats.cityjson_schema import schema_defects
 
 from eaves.flow import tiles
 from eaves.footprints.read import read_footprints
@@ -67,6 +68,7 @@ def test_each_has_one_row_also_by_tiles_and_the_rest_stays_building(
         assert all(row["failure_reason"] for name, row in rows.items() if name in EXPECTED)
         assert check_folder(out) == []
     assert validate_file(tmp_path / "given" / "buildings.city.jsonl") == []
+    assert schema_defects(tmp_path / "given" / "buildings.city.jsonl") == []
     assert build(nine_roofs_file, tmp_path / "own", lod="0", outputs=("classified",)).complete
     classes = [laspy.read(tmp_path / name / "classified.laz") for name in ("given", "own")]
     ours = [np.asarray(one.classification) == 6 for one in classes]

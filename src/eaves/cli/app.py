@@ -25,7 +25,7 @@ from eaves.cli.runs import (
     report_error,
 )
 from eaves.cli.scenes import demo, simulate
-from eaves.cli.time import calibrate, compare, update
+from eaves.cli.time import compare, update
 from eaves.run.garbage import collect_rarely
 
 
@@ -65,14 +65,12 @@ def methods(
 
 
 COMMANDS = (
-    *(build, info, compare, update, calibrate, validate, evaluate, view, export, solar),
-    *(simulate, methods, doctor, demo),
+    *(build, info, compare, update, validate, evaluate, view, export, solar),
+    *(ground, detect, reconstruct, simulate, methods, doctor, demo),
 )
-SPELLINGS = (ground, detect, reconstruct)
-"""Builds of some outputs, which the list of commands leaves out."""
 
 
-def make_app(commands: Iterable[Callable[..., None]] = (*COMMANDS, *SPELLINGS)) -> typer.Typer:
+def make_app(commands: Iterable[Callable[..., None]] = COMMANDS) -> typer.Typer:
     """The application of some commands."""
     made = typer.Typer(
         name="eaves",
@@ -83,7 +81,7 @@ def make_app(commands: Iterable[Callable[..., None]] = (*COMMANDS, *SPELLINGS)) 
     )
     made.callback()(first)
     for command in commands:
-        made.command(cls=PanelledCommand, hidden=command in SPELLINGS)(with_signature(command))
+        made.command(cls=PanelledCommand)(with_signature(command))
     return made
 
 
@@ -103,13 +101,12 @@ def main() -> None:
     collect_rarely()
     # matrices here are small: a second thread of BLAS only waits, and each process would have its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    every: list[Callable[..., None]] = [*COMMANDS, *SPELLINGS]
-    asked = [command for command in every if command.__name__ in sys.argv[1:2]]
+    asked: list[Callable[..., None]] = [command for command in COMMANDS if command.__name__ in sys.argv[1:2]]
     if not asked and "_EAVES_COMPLETE" not in os.environ:
-        asked = [without_options(command) for command in every if command not in SPELLINGS]
+        asked = [without_options(command) for command in COMMANDS]
     with count_interrupts() as interrupts:
         try:
-            status = make_app(asked or every)(standalone_mode=False) or COMPLETE
+            status = make_app(asked or COMMANDS)(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code
         except (KeyboardInterrupt, typer.Abort) as end:  # typer takes a file's end for Ctrl-C, too

@@ -19,7 +19,6 @@ EXTRAS = {
     "plots": "matplotlib",
     "notebook": "geopandas",
     "parquet": "pyarrow",
-    "postgis": "psycopg",
     "ifc": "ifcopenshell",
     "cluster": "distributed",
 }

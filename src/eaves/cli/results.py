@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from eaves.cli.options import Basemap, Jobs, Quiet, SourceName, Verbose
+from eaves.cli.options import Basemap, Quiet, Verbose
 from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
-
-if TYPE_CHECKING:
-    from eaves.run.options import RunOptions
-
 
 MODELS = "buildings.city.jsonl"
 """Of a run, or of each of its tiles."""
@@ -23,10 +19,6 @@ def validate(
     file: Annotated[
         Path, typer.Argument(help="CityJSON, CityJSONSeq, or what `eaves build` wrote.", metavar="FILE|OUT")
     ],
-    extension: Annotated[
-        list[Path] | None,
-        typer.Option(help="Definition of an extension that the file uses; may be repeated."),
-    ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -44,7 +36,7 @@ def validate(
     changed = check_folder(file) if file.is_dir() else []
     findings = []
     for models in files_of_run(file, MODELS) if file.is_dir() else [file]:
-        findings += validate_file(models, extensions=extension or ()) if models.exists() else []
+        findings += validate_file(models) if models.exists() else []
     defects = [f"{one.code} {one.name}: {one.building} {one.where}: {one.detail}" for one in findings]
     for line in (*changed, *defects):
         typer.echo(printable(line))
@@ -62,13 +54,11 @@ def printable(text: str) -> str:
 def evaluate(
     what: Annotated[
         str,
-        typer.Argument(
-            help="ground, detection, footprints, planes, models, wireframe; or STAGE.PARAMETER to vary."
-        ),
+        typer.Argument(help="ground, detection, footprints, planes or models."),
     ],
     result: Annotated[
-        str,
-        typer.Argument(help="The file to judge, by eaves or another; or the points to build with --values."),
+        Path,
+        typer.Argument(help="The file to judge, by eaves or another."),
     ],
     reference: Annotated[Path, typer.Argument(help="What it is held against.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,
@@ -78,41 +68,21 @@ def evaluate(
     lod: Annotated[
         str | None, typer.Option(help="For models: 1.2, 1.3, 2.0, 2.2 or 2.3; else each building's finest.")
     ] = None,
-    values: Annotated[
-        str | None, typer.Option(help="Of the parameter: 0.05,0.1 or, evenly spread, FIRST:LAST:COUNT.")
-    ] = None,
-    method: Annotated[
-        str | None, typer.Option(help="Whose parameter it is; else the source's method, or the default.")
-    ] = None,
-    source: SourceName = None,
-    jobs: Jobs = 0,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Measure how well a result agrees with a reference. docs/evaluation.md explains the measures.
 
-    With --values one parameter takes each value, and each build is compared with the reference:
+    Example:
 
       eaves evaluate detection out/mask.tif tile.laz
-      eaves evaluate detect.min_height tile.laz tile.laz --values 1:3:5 -o swept
     """
-    import os
-
     from eaves.evaluate import evaluate_files
-    from eaves.report.sweep import parse_values, sweep
 
     start_log(quiet, verbose)
-    if values is None:
-        evaluation = evaluate_files(what, Path(result), reference, out, lod=lod, footprints=footprints)
-        text = evaluation.as_text()
-    elif out is None:
-        raise ValueError(f"--values {values}: the folder to write is missing; add -o FOLDER")
-    else:
-        given: RunOptions = {"footprints": footprints, "jobs": jobs or os.cpu_count() or 1}
-        sweep(result, out, what, parse_values(values), reference, method=method, source=source, options=given)
-        text = (out / "sweep.md").read_text(encoding="utf-8").rstrip() + f"\n{out / 'sweep.png'}"
+    evaluation = evaluate_files(what, result, reference, out, lod=lod, footprints=footprints)
     if not quiet:
-        typer.echo(text)
+        typer.echo(evaluation.as_text())
 
 
 def view(
@@ -179,15 +149,10 @@ def export(
     contours: Annotated[
         float | None, typer.Option(help="Contours of the ground, one each so many metres, into OUT.")
     ] = None,
-    postgis: Annotated[
-        str | None, typer.Option(help="Into PostGIS, all or nothing: postgresql://user@host:port/database")
-    ] = None,
-    schema: Annotated[str, typer.Option(help="Where the tables go.")] = "eaves",
-    replace: Annotated[bool, typer.Option("--replace", help="Make tables anew that are there.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write the results of a run in other forms. Formats, pictures for print, a site, PostGIS.
+    """Write the results of a run in other forms. Formats, pictures for print, a site.
 
     Examples:
 
@@ -216,15 +181,8 @@ def export(
         from eaves.report.serve import make_site, write_site
 
         lines.append(f"page: {write_site(make_site(folder, basemap), site)}, to be opened from a web server")
-    if postgis is not None:
-        from eaves.formats import write_postgis
-
-        counts = write_postgis(folder, postgis, schema, replace)
-        lines.append(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))
     if not lines:
-        raise ValueError(
-            "export: nothing is asked for; give --formats, --contours, --picture, --site, --postgis"
-        )
+        raise ValueError("export: nothing is asked for; give --formats, --contours, --picture or --site")
     if not quiet:
         typer.echo("\n".join(lines))
 

@@ -154,7 +154,6 @@ def run_build(
 ) -> Summary:
     """Build with progress on screen. `given`: a configuration file, which the command line's methods and the
     `--set` words overrule."""
-    import os
     from dataclasses import replace
 
     from eaves.run.garbage import keep_all
@@ -175,8 +174,7 @@ def run_build(
         recipe = replace(recipe, detect=None) if ground_only else recipe
     start_log(quiet, verbose)
     reported = "report" in (options.get("outputs") or EVERYTHING)
-    alone = options["jobs"] == 1 or options.get("scheduler") is not None or (os.cpu_count() or 1) == 1
-    with run_display(quiet, alone) as progress:
+    with run_display(quiet) as progress:
         made = build_with_report if reported else build_files
         return made(inputs, out, recipe, progress, allow_failures=True, **options)
 
@@ -192,12 +190,12 @@ def show_facts(inputs: list[str], options: RunOptions, as_json: bool, quiet: boo
     from eaves.run.index import index_inputs
 
     start_log(quiet, verbose)
-    force, salvage = options.get("crs_force", False), options.get("salvage", False)
+    force = options.get("crs_force", False)
     failed: list[str] = []
     bounds: Any = options.get("bounds")
     with TemporaryDirectory() as folder:
         local, _ = localise(inputs, Path(options.get("cache") or folder), bounds and tuple(bounds))
-        index = index_inputs(list_inputs(local), options.get("crs"), failed, crs_force=force, salvage=salvage)
+        index = index_inputs(list_inputs(local), options.get("crs"), failed, crs_force=force)
         facts = scan_facts(index)
     typer.echo(json.dumps(facts.as_json(), indent=2) if as_json else facts.as_text())
     raise typer.Exit(INCOMPLETE if failed else COMPLETE)
@@ -245,16 +243,15 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
 
 
 @contextmanager
-def run_display(quiet: bool, alone: bool = False) -> Iterator[Any]:
-    """The progress of a run; in a first run also that of compiling, which two processes do unless `alone`."""
-    from eaves.cli.first_run import compilation_shown, compiled_pieces, compiling_beside
+def run_display(quiet: bool) -> Iterator[Any]:
+    """The progress of a run; in a first run also that of compiling."""
+    from eaves.cli.first_run import compilation_shown, compiled_pieces
     from eaves.kernels import library
 
     compiling = not library() and not compiled_pieces()
     if compiling and not quiet:
         typer.echo("first run: loops are compiled once for this machine, a minute or two", err=True)
     with (
-        compiling_beside(compiling and not alone),
         progress_display(quiet, compiling) as progress,
         compilation_shown(compiling and not quiet, progress),
     ):

@@ -1,4 +1,4 @@
-"""The commands about time: compare, update, calibrate."""
+"""The commands about time: compare, update."""
 
 from __future__ import annotations
 
@@ -115,30 +115,3 @@ def refuse_mixture(
     if not inputs and (out is not None or date is not None):
         name = "--out" if out is not None else "--date"
         raise ValueError(f"{name}: goes with new points, and none are given; name their files")
-
-
-def calibrate(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
-    edits: Annotated[
-        Path | None, typer.Argument(help="Verdicts, as `eaves update --edits` takes them.", metavar="EDITS")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The configuration; else OUT/calibration.toml.")
-    ] = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
-    """Fit the detector to a survey. Written only if it is better on verdicts that were left out.
-
-    It needs at least 20 verdicts; those of OUT/edits.gpkg count, too:
-
-      eaves calibrate out verdicts.gpkg
-      eaves build tiles/ -o out2 --config out/calibration.toml
-    """
-    from eaves.change.upkeep.calibrate import calibrate as run_calibrate
-
-    begin(quiet, verbose)
-    with progress_display(quiet) as progress:
-        done = run_calibrate(folder, edits, out, progress)
-    if not quiet:
-        typer.echo(done.as_text())

@@ -8,7 +8,6 @@ from eaves.evaluate.models import ModelScore, evaluate_models
 from eaves.evaluate.report import Evaluation, write_report
 from eaves.evaluate.roof_planes import PlaneScore, evaluate_planes
 from eaves.evaluate.scores import Agreement
-from eaves.evaluate.wireframes import WireframeScore, evaluate_wireframe
 
 __all__ = [
     "Agreement",
@@ -18,14 +17,12 @@ __all__ = [
     "GroundScore",
     "ModelScore",
     "PlaneScore",
-    "WireframeScore",
     "evaluate_detection",
     "evaluate_files",
     "evaluate_footprints",
     "evaluate_ground",
     "evaluate_models",
     "evaluate_planes",
-    "evaluate_wireframe",
     "label_objects",
     "write_report",
 ]

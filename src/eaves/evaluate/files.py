@@ -27,7 +27,6 @@ from eaves.evaluate.models import evaluate_models, lay_points
 from eaves.evaluate.report import Evaluation, evaluation_rows, write_report
 from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
-from eaves.evaluate.wireframes import NOTHING, evaluate_wireframe, figures_of, read_wireframe, sum_scores
 from eaves.formats import InputError, read, read_polygons
 from eaves.formats.vectors.vector_files import checked_vector
 from eaves.model import Mask, PointCloud, Raster, Values
@@ -50,10 +49,9 @@ def evaluate_files(
     Parameters
     ----------
     what : str
-        `ground`, `detection`, `footprints`, `planes`, `models` or `wireframe`.
+        `ground`, `detection`, `footprints`, `planes` or `models`.
     result, reference : Path
-        Clouds (LAS, LAZ, text with labels), label rasters, polygons, CityJSON, OBJ wireframes or folders
-        of them, as `what` allows.
+        Clouds (LAS, LAZ, text with labels), label rasters, polygons or CityJSON, as `what` allows.
     report : Path or None
         Folder to write the figures, rows and maps to.
     lod : str or None
@@ -88,8 +86,6 @@ def evaluate_files(
     if not options and (lod or footprints):
         option = "lod" if lod else "footprints"
         raise ValueError(f"{option} is for models only, not for {what}; leave it out")
-    if what == "models" and kind_of(Path(result)) == "wireframe":
-        what, options = "wireframe", {}
     if what not in COMPARISONS:
         raise ValueError(f"'{what}' cannot be evaluated; choose one of: {', '.join(COMPARISONS)}")
     found = COMPARISONS[what](Path(result), Path(reference), **options)
@@ -226,60 +222,11 @@ def compare_models(result: Path, reference: Path, lod: str | None, footprints: P
     return {"figures": figures, "rows": rows, "shapes": tuple(places.values()), "system": system}
 
 
-def compare_wireframes(result: Path, reference: Path) -> dict[str, Any]:
-    """Roof wireframes against others by Building3D's measures: one OBJ file against one, or the files of a
-    folder against those of the same name in another.
-
-    Parameters
-    ----------
-    result, reference : Path
-        OBJ files or folders of them. A file of the reference without one in the result is a roof with nothing
-        found.
-
-    Returns
-    -------
-    dict
-        The measures over all corners and edges, and a row for each file.
-
-    Raises
-    ------
-    InputError
-        For a file that is no wireframe, and a folder without any.
-
-    Examples
-    --------
-    >>> from eaves.evaluate import evaluate_files
-    >>> from pathlib import Path
-    >>> _ = Path("roof.obj").write_text("v 0 0 5\\nv 9 0 5\\nl 1 2\\n")
-    >>> evaluate_files("wireframe", Path("roof.obj"), Path("roof.obj")).figures["corners, F1"]
-    1.0
-    """
-    pairs = [(result, reference)]
-    if reference.is_dir():
-        if not result.is_dir():
-            raise InputError.about(result, "is no folder", "give a folder of wireframes, as the reference is")
-        pairs = [(result / path.name, path) for path in sorted(reference.glob("*.obj"))]
-        if not pairs:
-            raise InputError.about(reference, "holds no wireframe", "give a folder of .obj files")
-    for path in (path for pair in pairs for path in pair):
-        if path.suffix.lower() != ".obj":
-            raise InputError.about(path, "is no wireframe", "compare OBJ with OBJ")
-    scores, rows = [], []
-    for drawn, true in pairs:
-        found = read_wireframe(drawn) if drawn.exists() or len(pairs) == 1 else NOTHING
-        score = evaluate_wireframe(found, read_wireframe(true))
-        scores.append(score)
-        rows.append({"roof": true.stem, **figures_of(score)})
-    figures = {"roofs": len(pairs), **figures_of(sum_scores(scores))}
-    return {"figures": figures, "rows": tuple(rows)}
-
-
 COMPARISONS: dict[str, Callable[..., dict[str, Any]]] = {
     "ground": compare_ground,
     "detection": compare_detection,
     "footprints": compare_footprints,
     "planes": compare_planes,
-    "wireframe": compare_wireframes,
     "models": compare_models,
 }
 """The fields of an `Evaluation` of two files, by what is compared."""

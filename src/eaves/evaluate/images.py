@@ -36,9 +36,9 @@ HEAD = 1 << 16
 
 
 def kind_of(path: Path) -> str:
-    """`raster`, `cloud`, `city`, `wireframe` or `polygons`, by the file's name."""
+    """`raster`, `cloud`, `city` or `polygons`, by the file's name."""
     name = path.name.lower()
-    for kind, endings in (("raster", RASTERS), ("cloud", CLOUDS), ("city", CITY), ("wireframe", (".obj",))):
+    for kind, endings in (("raster", RASTERS), ("cloud", CLOUDS), ("city", CITY)):
         if name.endswith(endings):
             return kind
     if name.endswith(".json") and path.is_file():

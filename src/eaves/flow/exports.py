@@ -56,7 +56,6 @@ ROOF_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
 MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "cityjson": (lambda: formats.write_cityjson, "buildings.city.json"),
     "obj": (lambda: formats.write_obj, "buildings.obj"),
-    "obj-wireframe": (lambda: formats.write_obj_wireframe, "wireframe.obj"),
     "dxf": (lambda: formats.write_dxf, "roofs.dxf"),
     "glb": (lambda: formats.write_glb, "buildings.glb"),
     "gpkg": (lambda: formats.write_lod_layers, "buildings.gpkg"),

@@ -190,7 +190,6 @@ def open_run(
         failed,
         lambda done, total: progress("index", done, total),
         options["crs_force"],
-        options["salvage"],
     )
     check_whole(index, options)
     hashes = {name: hash_of(polygons.get(name)) for name in POLYGONS}

@@ -10,8 +10,6 @@ from .models.dxf import write_dxf as write_dxf
 from .models.glb import write_glb as write_glb
 from .models.lod_layers import write_lod_layers as write_lod_layers
 from .models.obj import write_obj as write_obj
-from .models.obj_wireframe import write_obj_wireframe as write_obj_wireframe
-from .models.postgis import write_postgis as write_postgis
 from .models.tiles3d import write_3dtiles as write_3dtiles
 from .points.chunk import Chunk as Chunk
 from .points.classified import write_classified as write_classified

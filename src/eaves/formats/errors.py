@@ -8,7 +8,6 @@ from pathlib import Path
 EXTRAS = {
     "parquet": ("pyarrow", "GeoParquet needs pyarrow"),
     "ifc": ("ifcopenshell", "IFC needs IfcOpenShell"),
-    "postgis": ("psycopg", "PostGIS needs psycopg"),
     "plots": ("matplotlib", "pictures need matplotlib"),
 }
 """Library that an extra installs, and who needs it."""

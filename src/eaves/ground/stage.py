@@ -61,7 +61,7 @@ class GroundMethod(Method):
     def find_wide_objects(self, floor: Floor) -> Patch | None:
         """What the method takes away before its filter sees a point, whatever its width; None for nothing.
 
-        `floor` may be that of a far wider surrounding than `reach`.
+        `floor` may be that of a far wider surrounding than `buffer`.
         """
         return None
 

@@ -15,7 +15,7 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.model import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
-from eaves.report.convert import explore, footprint_frame, required_library
+from eaves.report.convert import footprint_frame, required_library
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import collect_city_faces, cut_into_triangles
 
@@ -78,10 +78,6 @@ class Results(Summary):
             picture = f"<br><img alt='plan of the buildings' src='data:image/png;base64,{encoded}'>"
         names = ", ".join(html.escape(path.name) for path in self.files)
         return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"
-
-    def explore(self, **options: Any) -> Any:
-        """A map of the buildings, by geopandas and folium (`pip install eaves[notebook]`)."""
-        return explore(self, **options)
 
     def footprints(self) -> Any:
         """The footprints as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""

@@ -17,7 +17,6 @@ from eaves.geometry.rings import following_places
 from eaves.model import Integers, Mask, Points, Values
 from eaves.model.building import LODS
 
-"""Numbered 0, 1, 2, 3 in `Surfaces.kind`."""
 UNKNOWN_ERROR = 65535
 """RMSE (mm) of a face that no points are known of: the largest whole number of two bytes."""
 PIECE_FACES = 4000

@@ -19,7 +19,6 @@ from eaves.formats.crs import agree
 from eaves.formats.crs_check import refuse_conflict, refuse_numbers
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.plausible import likely_systems, why_not_metres
-from eaves.formats.points.recovery import check_chunks
 from eaves.formats.points.source import FIELDS, is_simulated, warn_without_system
 from eaves.model import Bounds, CoordinateSystem, Mask
 from eaves.model.coordinates import LOCAL_METRES
@@ -163,7 +162,6 @@ def index_inputs(
     failed: list[str],
     tell: Callable[[int, int], None] = lambda done, total: None,
     crs_force: bool = False,
-    salvage: bool = False,
 ) -> Index:
     """The index of all files that can be opened; why others cannot is noted in `failed`.
 
@@ -178,7 +176,7 @@ def index_inputs(
     number, wrong_boxes = 0, []
     for path in paths:
         try:
-            source = open_or_salvage(path, crs, salvage)
+            source = open_counted(path, crs)
         except InputError as error:
             if len(paths) == 1:
                 raise
@@ -218,21 +216,9 @@ def index_inputs(
     return index
 
 
-def open_or_salvage(path: str | Path, crs: str | None, salvage: bool) -> Source:
-    """A file; where it is cut off and `salvage` asks for it, what is whole of it.
-
-    Points that its header does not count are used, with a warning.
-    """
-    try:
-        source = open_source(path, crs)
-        if salvage and isinstance(source.layout, LasHeader):
-            check_chunks(source.layout)
-    except InputError as error:
-        if not salvage:
-            raise
-        source = open_source(path, crs, salvage=True)
-        log.warning("%s; recovered are %d points", error, source.count)
-        return source
+def open_counted(path: str | Path, crs: str | None) -> Source:
+    """A file; points that its header does not count are used, with a warning."""
+    source = open_source(path, crs)
     stated = source.layout.stated if isinstance(source.layout, LasHeader) else None
     if stated is not None:
         log.warning("%s: the header counts %d points, %d are there and used", path, stated, source.count)

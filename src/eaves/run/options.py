@@ -111,7 +111,6 @@ class RunOptions(TypedDict, total=False):
             "Use `crs` even where a file states another system, or its numbers do not fit it.", False, True
         ),
     ]
-    salvage: Annotated[bool, Option("Of files that are cut off, use what is whole.", False, True)]
     bounds: Annotated[
         Bounds | Sequence[float] | None,
         Option(
@@ -162,8 +161,8 @@ class RunOptions(TypedDict, total=False):
     formats: Annotated[
         Sequence[str],
         Option(
-            "Further formats: gpkg, citygml, citygml3, cityjson, obj, obj-wireframe, glb, 3dtiles, dxf, "
-            "geojson, fgb, parquet, kml, ifc, copc.",
+            "Further formats: gpkg, citygml, citygml3, cityjson, obj, glb, 3dtiles, dxf, geojson, fgb, "
+            "parquet, kml, ifc, copc.",
             (),
             again=True,
             panel="output",

@@ -46,14 +46,7 @@ RULES: dict[int, tuple[str, str]] = {
         "The file is CityJSON; its boundaries name existing vertices.",
     ),
     902: ("EMPTY_PRIMITIVE", "A geometry has at least one surface."),
-    911: ("UNKNOWN_TYPE", "City objects and surfaces are of CityJSON's types or a declared extension's."),
-    912: (
-        "BROKEN_REFERENCE",
-        "Parents, children, templates, materials and textures that are named exist.",
-    ),
-    913: ("INVALID_SEMANTICS", "Each surface has null or one semantic surface that exists."),
     914: ("DUPLICATE_KEY", "No object has two members of one name."),
-    915: ("INVALID_STRUCTURE", "Members are there and hold what CityJSON's schema says."),
     904: ("FORMAT_NOT_SUPPORTED", "The version of CityJSON is 1.0, 1.1 or 2.0."),
 }
 """Code → (name, the rule that was broken). 903 (wrong parameters) raises ValueError instead."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,18 +15,25 @@ from eaves.formats import InputError
 from eaves.formats.models.cityjson_read import system_of_head
 from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
-from eaves.validate.cityjson_schema import DEPTHS, INSTANCE
 from eaves.validate.codes import make_finding
-from eaves.validate.extensions import read_extension
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives
-from eaves.validate.structure import Rules, check_feature, check_head, check_objects
-
-log = logging.getLogger("eaves")
 
 OF_BUILDING = ("BuildingPart", "BuildingInstallation")
 """City objects whose solids share no volume with their building's."""
 
 VERSIONS = ("1.0", "1.1", "2.0")
+
+DEPTHS = {
+    "GeometryInstance": 1,
+    "MultiPoint": 1,
+    "MultiLineString": 2,
+    "MultiSurface": 3,
+    "CompositeSurface": 3,
+    "Solid": 4,
+    "MultiSolid": 5,
+    "CompositeSolid": 5,
+}
+"""Geometry type → how many lists deep its vertices lie."""
 
 FEATURES_AT_ONCE = 2_000
 """Features of a CityJSONSeq checked together: enough to keep arrays long, few enough to bound memory."""
@@ -64,10 +70,9 @@ class Grid:
         return np.asarray(steps, np.int64)
 
 
-def validate_file(
-    path: str | Path, tolerances: Tolerances | None = None, extensions: Sequence[str | Path] = ()
-) -> list[Finding]:
-    """All findings of a CityJSON or CityJSONSeq file, in the order of its buildings; none means valid.
+def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
+    """All findings of the solids of a CityJSON or CityJSONSeq file, in the order of its buildings; none means
+    valid. Attributes, semantics and appearance are not checked.
 
     The coordinates are checked as written (whole numbers and transform). The limits are metres also where the
     file's unit is the foot; val3dity's are in the file's unit. Of CityJSONSeq some features are in memory
@@ -79,9 +84,6 @@ def validate_file(
         `.city.json` or `.city.jsonl`.
     tolerances : Tolerances or None
         Limits for snapping, planarity and normals; None takes val3dity's defaults.
-    extensions : sequence of str or Path
-        Files that define the extensions the file uses; what one without its file adds is not checked, with a
-        warning.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def validate_file(
     Raises
     ------
     InputError
-        When there is no such file, it cannot be read, or a definition of an extension is none.
+        When there is no such file, or it cannot be read.
 
     Examples
     --------
@@ -106,32 +108,22 @@ def validate_file(
     []
     """
     findings: list[Finding] = []
-    known = [read_extension(one) for one in extensions]
     try:
         documents = _documents(Path(path), findings)
         head: Any = next(documents, None)
         grid = _read_head(head, Path(path), findings)
         if grid is None:
             return findings
-        rules = Rules.of(head, known)
-        for name in sorted(rules.declared - {one.name for one in known}):
-            log.warning(
-                "%s: what extension %s adds is not checked; give its definition (--extension)", path, name
-            )
-        findings += check_head(head, rules)
         findings += _check_templates(head, tolerances)
         batch = [head]
         for document in documents:
-            findings += check_feature(document)
             batch.append(document)
             if len(batch) == FEATURES_AT_ONCE:
-                findings += _check_batch(batch, grid, tolerances, rules)
+                findings += _check_batch(batch, grid, tolerances)
                 batch = []
-        return findings + _check_batch(batch, grid, tolerances, rules)
+        return findings + _check_batch(batch, grid, tolerances)
     except OSError as error:
         raise InputError.about(path, f"cannot be read ({error.strerror})", "check the path") from None
-    except InputError:  # of an extension's definition
-        raise
     except (ValueError, RecursionError) as error:
         return [*findings, make_finding(901, "", "file", f"it is not JSON: {error}")]
 
@@ -209,16 +201,14 @@ PLAIN = Grid(np.ones(3), np.zeros(3))
 """Coordinates in metres, not transformed; they are taken to a hundredth of a millimetre."""
 
 
-def _check_batch(
-    documents: Iterable[Any], grid: Grid, tolerances: Tolerances | None, rules: Rules
-) -> list[Finding]:
+def _check_batch(documents: Iterable[Any], grid: Grid, tolerances: Tolerances | None) -> list[Finding]:
     """Findings of some documents that share a transform."""
     findings: list[Finding] = []
     primitives: list[ReadPrimitive] = []
     vertices: list[Integers] = []
     count = 0
     for document in documents:
-        if not isinstance(document, dict) or not isinstance(document.get("CityObjects", {}), dict):
+        if not isinstance(document, dict) or not isinstance(document.get("CityObjects"), dict):
             findings.append(make_finding(901, "", "file", "a feature is not an object with CityObjects"))
             continue
         try:
@@ -226,8 +216,7 @@ def _check_batch(
         except ValueError as error:
             findings.append(make_finding(901, str(document.get("id", "")), "vertices", str(error)))
             continue
-        findings += check_objects(document, rules)
-        for name, item in document.get("CityObjects", {}).items():
+        for name, item in document["CityObjects"].items():
             for found in _object_primitives(
                 name, item, len(places), count, family_of(name, document["CityObjects"])
             ):
@@ -281,18 +270,18 @@ def _object_primitives(
         return
     for number, geometry in enumerate(item.get("geometry", [])):
         where = f"geometry {number}"
-        if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
-            yield make_finding(901, name, where, "a geometry is not an object with a type")
+        kind = geometry.get("type") if isinstance(geometry, dict) else None
+        if not isinstance(kind, str) or kind not in DEPTHS:
+            yield make_finding(901, name, where, f"it is no geometry of CityJSON: its type is {kind!r}")
             continue
-        depth = DEPTHS.get(geometry["type"], int(geometry["type"] == INSTANCE))
-        boundaries = geometry.get("boundaries", [])
-        if depth and not _is_nested(boundaries, depth - 1, vertex_count):
-            detail = f"its boundaries are no {geometry['type']} of existing vertices"
+        depth, boundaries = DEPTHS[kind], geometry.get("boundaries", [])
+        if not _is_nested(boundaries, depth - 1, vertex_count):
+            detail = f"its boundaries are no {kind} of existing vertices"
             yield make_finding(901, name, where, detail)
         elif depth > 2:
             shells = _raise(boundaries, first_vertex)
             solids = [[shells]] if depth == 3 else [shells] if depth == 4 else shells
-            yield ReadPrimitive(name, family, str(geometry.get("lod", "")), geometry["type"], solids)
+            yield ReadPrimitive(name, family, str(geometry.get("lod", "")), kind, solids)
 
 
 def _is_nested(value: Any, depth: int, vertex_count: int) -> bool:

@@ -62,16 +62,9 @@ def read_weights(given: str) -> Weights:
         if len(found[kind]) != len(terms):
             raise ValueError(
                 f"weights: {kind} has {len(found[kind])} numbers, this version weighs {len(terms)} terms; "
-                "calibrate again"
+                "fit them again"
             )
     return Weights(tuple(map(float, found["surface"])), tuple(map(float, found["cell"])), score)
-
-
-def write_weights(weights: Weights) -> str:
-    """Weights as JSON that `read_weights` takes."""
-    return json.dumps(
-        {"surface": weights.surface, "cell": weights.cell, "score": list(vars(weights.score).values())}
-    )
 
 
 # fmt: off

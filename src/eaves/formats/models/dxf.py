@@ -14,18 +14,20 @@ import numpy as np
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
-from eaves.formats.models.obj_wireframe import roof_wireframe
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
     BuildingModel,
     CoordinateSystem,
     Failure,
+    Integers,
+    Points,
     Provenance,
 )
+from eaves.model.building import ROOF_SURFACE
 
-EVERY_CORNER = 1e-6
-"""No detail of a roof is left out (m)."""
+CORNER_TURN_DEG = 10.0
+"""A vertex of a roof face is a corner where its ring turns by more."""
 TEXT_HEIGHT = 1.0
 """Of the ids (m)."""
 DECIMALS = 3
@@ -81,7 +83,14 @@ def write_dxf(
                 continue
             footprint = model.footprint
             shift = np.array([*footprint.origin, 0.0])
-            corners, edges = roof_wireframe(model, EVERY_CORNER)
+            rings = [
+                solid.vertices[list(ring)]
+                for solid in model.solids[model.lod]
+                for face in solid.faces
+                if face.surface == ROOF_SURFACE
+                for ring in face.rings
+            ]
+            corners, edges = turning_corners(rings)
             placed = (corners + shift) / unit
             for one, two in edges.tolist():
                 file.write(line_of(ROOF_LAYER, placed[one], placed[two]))
@@ -100,6 +109,27 @@ def write_dxf(
             count += 1
         file.write("0\nENDSEC\n0\nEOF\n")
     return count
+
+
+def turning_corners(rings: list[Points]) -> tuple[Points, Integers]:
+    """The corners (V, 3) where one of the rings turns, and the pairs of them (E, 2) that rings join."""
+    number: dict[tuple[float, ...], int] = {}
+    chains = []
+    for ring in rings:
+        into, out = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
+        size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
+        turns = (into * out).sum(axis=1) < size * np.cos(np.radians(CORNER_TURN_DEG))
+        chain = [tuple(place) for place in np.round(ring, DECIMALS).tolist()]
+        chains.append(chain)
+        for place, corner in zip(chain, turns.tolist(), strict=True):
+            if corner:
+                number.setdefault(place, len(number))
+    edges = set()
+    for chain in chains:
+        kept = [number[place] for place in chain if place in number]
+        pairs = zip(kept, kept[1:] + kept[:1], strict=True)
+        edges |= {(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]}
+    return np.array(list(number)).reshape(-1, 3), np.array(sorted(edges), np.int64).reshape(-1, 2)
 
 
 def line_of(layer: str, one: Sequence[float], two: Sequence[float]) -> str:

@@ -21,7 +21,6 @@ from eaves.formats.points.laz import (
     is_newer_than_lazrs,
     read_by_laszip,
     read_chunk_table,
-    whole_chunks,
 )
 from eaves.model import Integers, Mask, Rectangle
 
@@ -82,13 +81,9 @@ def iter_records(
             if part[0] == 0:
                 yield from read_by_laszip(header, size)
             return
-        if header.salvaged and header.chunks is None:
-            if part[0] == 0:
-                yield from numbered(whole_chunks(header, file), header.count)
-            return
-        table = header.chunks if header.salvaged else read_chunk_table(file, header)
+        table = read_chunk_table(file, header)
         which = np.arange(len(table.points))
-        if rectangle is not None and header.copc is not None and not header.salvaged:
+        if rectangle is not None and header.copc is not None:
             which = chunks_within(file, header, table, rectangle)
         start, end = (len(which) * (part[0] + step) // part[1] for step in (0, 1))
         if start < end:
@@ -101,12 +96,7 @@ def iter_copied(
     """As `iter_records` of a compressed file, in the same pieces: the place of the first record of each and
     the records, from files that together hold all of them decompressed; None where they do not."""
     bytes_there = sum(Path(path).stat().st_size for path in copies)
-    if (
-        not header.compressed
-        or header.salvaged
-        or not header.count
-        or bytes_there != header.count * header.record_length
-    ):
+    if not header.compressed or not header.count or bytes_there != header.count * header.record_length:
         return None
     with header.path.open("rb") as file:
         table = read_chunk_table(file, header)
@@ -128,16 +118,6 @@ def read_runs(
                 data += file.read(count * length - len(data))
             yield first, np.frombuffer(data, np.uint8).reshape(count, length)
             first += count
-
-
-def numbered(pieces: Iterator[NDArray[np.uint8]], count: int) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:
-    """The first `count` records, piece by piece, with their positions."""
-    first = 0
-    for records in pieces:
-        if first == count:
-            return
-        yield np.arange(first, first + len(records)), records
-        first += len(records)
 
 
 def decode_records(header: LasHeader, position: Integers, records: NDArray[np.uint8]) -> Chunk:

@@ -7,7 +7,7 @@ import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import pyproj
 from pyproj.exceptions import CRSError
@@ -31,8 +31,8 @@ BOMB_POINTS, BOMB_POINTS_PER_BYTE = 20_000_000, 50
 LARGE_AREA, SPARSEST, BESIDE = 1e8, 1e-3, 1.0
 """A box is a lie with more square units and fewer points on each, or its first point more units outside."""
 COPY_AGAIN = "copy or download it again"
-SALVAGE = f"{COPY_AGAIN}, or use what is whole of it with --salvage"
 WRITE_AGAIN = "write it again with another tool (for example lasinfo -repair, las2las or PDAL)"
+COPY_OR_WRITE = f"{COPY_AGAIN}, or {WRITE_AGAIN}"
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,6 @@ class LasHeader:
     """Bytes between the first point and what follows the points."""
     stated: int | None = None
     """The count of a header that is wrong; `count` is right."""
-    salvaged: bool = False
-    """Whether only the whole chunks of a file without a table of them are read."""
-    chunks: Any = None
-    """Where those chunks are (`laz.ChunkTable`), if the file states it."""
 
     def record(self, owner: str, number: int) -> bytes | None:
         """The data of one record, None when there is none."""
@@ -128,10 +124,9 @@ class LasHeader:
         return crs_of_geokeys(keys)
 
 
-def read_las_header(path: Path, file: BinaryIO, salvage: bool = False) -> LasHeader | None:
+def read_las_header(path: Path, file: BinaryIO) -> LasHeader | None:
     """The checked header of an open file; only the header and the records that matter are read. None when
-    the file neither begins as LAS, LAZ and COPC do nor is named so. With `salvage` a file that is cut off
-    passes with the points it still has.
+    the file neither begins as LAS, LAZ and COPC do nor is named so.
 
     Raises
     ------
@@ -149,10 +144,10 @@ def read_las_header(path: Path, file: BinaryIO, salvage: bool = False) -> LasHea
         )
     if len(head) < 227:
         raise InputError.about(path, f"is cut off after {size} bytes, within its header", COPY_AGAIN)
-    return _parse(path, file, head, size, salvage)
+    return _parse(path, file, head, size)
 
 
-def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) -> LasHeader:
+def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
     def refuse(rule: str, remedy: str = WRITE_AGAIN) -> InputError:
         return InputError.about(path, rule, remedy)
 
@@ -183,13 +178,11 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) ->
     if minor >= 4:
         first_evlr, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         count = long_count or count
-    records = _read_vlrs(file, path, header_size, record_count, data_offset, VLR_HEADER, salvage)
-    records += _read_vlrs(file, path, first_evlr, evlr_count, size, EVLR_HEADER, salvage)
+    records = _read_vlrs(file, path, header_size, record_count, data_offset, VLR_HEADER)
+    records += _read_vlrs(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
     behind = struct.unpack_from("<Q", head, 227)[0] if minor >= 3 and len(head) >= 235 else 0
     ends = [place for place in (behind, first_evlr if evlr_count else 0) if data_offset < place < size]
     room = min([size, *ends]) - data_offset
-    if salvage and not compressed:
-        count = min(count, room // record_length)
     header = LasHeader(
         path=path,
         size=size,
@@ -231,7 +224,7 @@ def _check_point_bytes(header: LasHeader) -> None:
             raise InputError.about(
                 path,
                 f"is cut off: the header states {header.count} points, the file holds {held}",
-                SALVAGE,
+                COPY_OR_WRITE,
             )
         return
     _check_laszip(header)
@@ -273,29 +266,26 @@ def _check_laszip(header: LasHeader) -> None:
 
 
 def _read_vlrs(
-    file: BinaryIO, path: Path, start: int, count: int, end: int, header_length: int, salvage: bool
+    file: BinaryIO, path: Path, start: int, count: int, end: int, header_length: int
 ) -> tuple[tuple[str, int, bytes], ...]:
-    """The records that matter among `count` ones from byte `start`, none of which may pass byte `end`; with
-    `salvage` those before the first that does."""
-    if count > LARGEST_RECORD_COUNT and not salvage:
-        raise InputError.about(path, f"announces {count} variable length records", SALVAGE)
+    """The records that matter among `count` ones from byte `start`, none of which may pass byte `end`."""
+    if count > LARGEST_RECORD_COUNT:
+        raise InputError.about(path, f"announces {count} variable length records", COPY_OR_WRITE)
     kept: list[tuple[str, int, bytes]] = []
     for _ in range(count):
         if start + header_length > end:  # before seeking: no file reaches 2^63
-            if salvage:
-                break
-            raise InputError.about(path, f"has a variable length record cut off at byte {start}", SALVAGE)
+            raise InputError.about(
+                path, f"has a variable length record cut off at byte {start}", COPY_OR_WRITE
+            )
         file.seek(start)
         head = file.read(header_length)
         owner = head[2:18].split(b"\0")[0].decode("ascii", "replace")
         number, length = struct.unpack_from("<HQ" if header_length == EVLR_HEADER else "<HH", head, 18)
         if start + header_length + length > end:
-            if salvage:
-                break
             raise InputError.about(
                 path,
                 f"has a variable length record of {length} bytes at byte {start}, past its end",
-                SALVAGE,
+                COPY_OR_WRITE,
             )
         wanted = owner in ("LASF_Projection", "laszip encoded") or (owner, number) == ("copc", 1)
         if wanted and length <= KEPT_RECORD_BYTES:

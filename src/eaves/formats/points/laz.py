@@ -6,7 +6,6 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from io import BytesIO
 from typing import Any, BinaryIO
 
 import laspy
@@ -26,10 +25,6 @@ NEWEST_ITEM = 3
 """Version of the items of a record (LASzip VLR) up to which lazrs decompresses them."""
 POINTWISE = 1
 """LASzip's first method (`header.laszip` begins with it): no chunks."""
-TABLE = 8
-"""Bytes of an empty table of chunks: version and number."""
-LARGEST_CHUNK = 20_000_000
-"""Points; a chunk that promises more is damage."""
 LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
 """Compressed layers of a chunk by point format; every extra byte is one more (LASzip 1.4 specification)."""
 ENTRY = np.dtype(
@@ -210,29 +205,6 @@ def _check_layers(header: LasHeader, piece: bytes, number: int) -> None:
         raise InputError.about(
             header.path, f"holds compressed points that are damaged (chunk {number})", COPY_AGAIN
         )
-
-
-def whole_chunks(header: LasHeader, file: BinaryIO, spared: int = 0) -> Iterator[NDArray[np.uint8]]:
-    """The records (N, record length) of one chunk after the other, until one is not whole; the last `spared`
-    bytes are not looked at.
-
-    lazrs wants a table of chunks behind the points, be it an empty one. A chunk that is cut within the last
-    bytes would take those of the table for its own: what counts is what is whole with `TABLE` bytes less.
-    """
-    size = struct.unpack_from("<I", header.laszip, 12)[0]
-    if not 0 < size <= LARGEST_CHUNK:
-        return
-    file.seek(header.data_offset + 8)
-    points = file.read(header.room - 8 - spared)
-    stream = BytesIO(struct.pack("<q", 8 + len(points)) + points + bytes(TABLE))
-    try:
-        reader = guard(header, lambda: lazrs.LasZipDecompressor(stream, header.laszip))
-        while True:
-            records = np.zeros(size * header.record_length, np.uint8)
-            guard(header, partial(reader.decompress_many, records))
-            yield records.reshape(size, header.record_length)
-    except InputError:
-        return
 
 
 def chunks_within(file: BinaryIO, header: LasHeader, table: ChunkTable, rectangle: Rectangle) -> Integers:

@@ -1,4 +1,4 @@
-"""Points that a header does not own up to: wrong counts, and whole chunks of files that are cut off."""
+"""Headers that count fewer points than the file holds."""
 
 from __future__ import annotations
 
@@ -10,16 +10,8 @@ import numpy as np
 
 from eaves.formats.errors import InputError
 from eaves.formats.points.las import FIRST_LAYERED_FORMAT, returns_and_class
-from eaves.formats.points.las_header import RECORD_LENGTHS, LasHeader
-from eaves.formats.points.laz import (
-    LARGEST_CHUNK,
-    LAYERS,
-    TABLE,
-    VARIABLE_CHUNKS,
-    ChunkTable,
-    read_chunk_table,
-    whole_chunks,
-)
+from eaves.formats.points.las_header import WRITE_AGAIN, LasHeader
+from eaves.formats.points.laz import VARIABLE_CHUNKS, read_chunk_table
 
 LOOKED_AT = 1000
 """So many of the records behind the last one that the header counts are looked at."""
@@ -27,43 +19,21 @@ LIKELY_POINTS = 0.9
 """They are points when so many of them have the number of their return within that of all returns."""
 
 
-def corrected(header: LasHeader, file: BinaryIO, salvage: bool = False) -> LasHeader:
+def corrected(header: LasHeader, file: BinaryIO) -> LasHeader:
     """The header with the number of points that the file holds, where that can be known.
 
-    A writer that crashed leaves a count of zero, or that of its last flush. With `salvage` the whole chunks
-    of a compressed file without its table of chunks count, too.
+    A writer that crashed leaves a count of zero, or that of its last flush.
 
     Raises
     ------
     InputError
         When points are there that the header does not count, and their number is not known.
     """
-    if not header.compressed and salvage:
-        return replace(header, salvaged=True)  # its count is that of what is there
-    if not header.compressed:
-        held = header.room // header.record_length
-        more = header.count < held and are_points(header, file, held)
-        return replace(header, count=held, stated=header.count) if more else header
-    if not salvage:
+    if header.compressed:
         return replace_count(header, file)
-    table = find_chunks(header, file) if header.point_format >= FIRST_LAYERED_FORMAT else None
-    count = int(table.points.sum()) if table is not None else sum(map(len, whole_chunks(header, file, TABLE)))
-    if not count:
-        raise InputError.about(header.path, "holds no whole chunk of points", "copy or download it again")
-    return replace(header, count=count, stated=header.count, salvaged=True, chunks=table)
-
-
-def check_chunks(header: LasHeader) -> None:
-    """Refuse a compressed file without its table of chunks.
-
-    Raises
-    ------
-    InputError
-        When it has not.
-    """
-    if header.compressed and header.count:
-        with header.path.open("rb") as file:
-            read_chunk_table(file, header)
+    held = header.room // header.record_length
+    more = header.count < held and are_points(header, file, held)
+    return replace(header, count=held, stated=header.count) if more else header
 
 
 def are_points(header: LasHeader, file: BinaryIO, held: int) -> bool:
@@ -87,9 +57,7 @@ def replace_count(header: LasHeader, file: BinaryIO) -> LasHeader:
     place = struct.unpack("<q", file.read(8).ljust(8, b"\0"))[0]
     if not header.data_offset + 8 <= place <= header.size - 8:
         if header.count == 0 and header.size > header.data_offset + 8:
-            raise InputError.about(
-                header.path, "holds points, but its header counts none", "recover them with --salvage"
-            )
+            raise InputError.about(header.path, "holds points, but its header counts none", WRITE_AGAIN)
         return header  # reading its points will say so
     file.seek(place)
     number = struct.unpack("<II", file.read(8))[1]
@@ -111,28 +79,10 @@ def replace_count(header: LasHeader, file: BinaryIO) -> LasHeader:
     raise InputError.about(
         header.path,
         f"counts {header.count} points, but its {number} chunks of {size} hold others",
-        "recover its whole chunks with --salvage",
+        WRITE_AGAIN,
     )
 
 
 LARGER, SMALL_CHUNK = 1.5, 1000
 """A chunk of points is compressed to less than its size; one that is so many times as large, and some bytes,
 holds more points than are counted."""
-
-
-def find_chunks(header: LasHeader, file: BinaryIO) -> ChunkTable:
-    """The whole chunks of a layered file, each of which says how long it is."""
-    layers = LAYERS[header.point_format] + header.record_length - RECORD_LENGTHS[header.point_format]
-    file.seek(header.data_offset)
-    table = struct.unpack("<q", file.read(8).ljust(8, b"\0"))[0]
-    place, end = header.data_offset + 8, table if header.data_offset < table <= header.size else header.size
-    found: list[tuple[int, int, int]] = []
-    while place + header.record_length + 4 + 4 * layers <= end:
-        file.seek(place + header.record_length)
-        count, *sizes = struct.unpack(f"<{1 + layers}I", file.read(4 + 4 * layers))
-        length = header.record_length + 4 + 4 * layers + sum(sizes)
-        if not 0 < count <= LARGEST_CHUNK or place + length > end:
-            break
-        found.append((place, length, count))
-        place += length
-    return ChunkTable(*np.array(found, np.int64).reshape(-1, 3).T)

@@ -94,7 +94,7 @@ class Source:
     def measured(self) -> bool:
         """Whether the points had to be read to know this."""
         layout = self.layout
-        return not (isinstance(layout, LasHeader) and _box_is_likely(layout) and not layout.salvaged)
+        return not (isinstance(layout, LasHeader) and _box_is_likely(layout))
 
     @property
     def has_wrong_bbox(self) -> bool:
@@ -103,7 +103,7 @@ class Source:
         return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_likely(layout)
 
 
-def open_source(path: str | Path, crs: str | None = None, salvage: bool = False) -> Source:
+def open_source(path: str | Path, crs: str | None = None) -> Source:
     """The description of a file, from its header alone (a text file has none: its points are read once).
 
     Parameters
@@ -113,8 +113,6 @@ def open_source(path: str | Path, crs: str | None = None, salvage: bool = False)
     crs : str or None
         EPSG code, compound code (`28992+5709`), a file with WKT or PROJJSON, or `metres`, `feet` or `us-feet`
         of a local plane; it overrides the file's own.
-    salvage : bool
-        Of a file that is cut off, open what is whole.
 
     Returns
     -------
@@ -138,8 +136,8 @@ def open_source(path: str | Path, crs: str | None = None, salvage: bool = False)
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size == 0:
                 raise InputError.about(path, "is empty (0 bytes)", "copy or download it again")
-            header, mark = read_las_header(path, file, salvage), fingerprint(file)
-            header = header and corrected(header, file, salvage)
+            header, mark = read_las_header(path, file), fingerprint(file)
+            header = header and corrected(header, file)
         return replace(_open_text(path, crs) if header is None else _open_las(header, crs), mark=mark)
     except OSError as error:
         raise InputError.about(

@@ -1,64 +1,77 @@
-"""The schemas of CityJSON 2.0 for each object, and whether a value fulfils them (draft 7, by jsonschema).
+"""The schemas of CityJSON 2.0 for each object, and what of a file written here breaks them (draft 7).
 
-Own words for the rules of https://www.cityjson.org/schemas/2.0.2; the lists of types are theirs. What
-geometry, semantics and references mean, and how they are nested, is checked in `structure.py` and `files.py`.
+In words of this project for the rules of https://www.cityjson.org/schemas/2.0.2; the lists of types are its
+own.
 """
 
 from __future__ import annotations
 
-import re
+import json
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from jsonschema import Draft7Validator
-from jsonschema.exceptions import SchemaError, UnknownType
 from referencing import Registry, Resource
-from referencing.exceptions import Unresolvable
 from referencing.jsonschema import DRAFT7
 
 Schema = Mapping[str, Any]
-LONGEST = 40
-"""Characters of a value in a message: no more than a line holds."""
 
 
-def registry_of(shapes: Schema) -> Registry[Any]:
-    """A registry in which the fragment of any address names one of the `shapes`: `x.schema.json#/Solid`."""
-    whole = {**shapes, "definitions": shapes}
-    return Registry(  # type: ignore[call-arg] # an attrs class
+def schema_defects(path: Path) -> list[str]:
+    """The breaks of CityJSON's schema, of families and of semantics by a file; none means that it is as the
+    standard says."""
+    text = path.read_text(encoding="utf-8")
+    documents = [json.loads(line) for line in text.splitlines() if line.strip()]
+    found = list(breaks(documents[0], HEAD))
+    for document in documents[1:]:
+        found += breaks(document, FEATURE)
+    for document in documents:
+        for name, item in document["CityObjects"].items():
+            found += [f"{name}: {defect}" for defect in object_defects(name, item, document["CityObjects"])]
+    return found
+
+
+def object_defects(name: str, item: Any, objects: Mapping[str, Any]) -> Iterator[str]:
+    """What is wrong with one city object: members, relatives, geometries and their semantics."""
+    yield from breaks(item, OBJECTS[item["type"]])
+    for role, inverse in (("parents", "children"), ("children", "parents")):
+        for other in item.get(role, []):
+            if name not in objects[other].get(inverse, []):
+                yield f"{other} does not name it among its {inverse}"
+    allowed = {**FIRST_LEVEL, **SECOND_LEVEL}[item["type"]]
+    for geometry in item.get("geometry", []):
+        kind = geometry["type"]
+        if kind not in allowed:
+            yield f"a {item['type']} may not be a {kind}"
+        yield from breaks(geometry, GEOMETRIES[kind])
+        if "semantics" in geometry:
+            surfaces = geometry["semantics"]["surfaces"]
+            if not {surface["type"] for surface in surfaces} <= set(SURFACES):
+                yield "a semantic surface is of no type of the standard"
+            if not fits(
+                geometry["semantics"]["values"], geometry["boundaries"], DEPTHS[kind] - 2, len(surfaces)
+            ):
+                yield "its semantic values are not one of its surfaces for each face"
+
+
+def fits(values: Any, boundaries: Any, depth: int, count: int) -> bool:
+    """Whether values are nested as boundaries are, `depth` lists deep, each null or below `count`."""
+    if len(values) != len(boundaries):
+        return False
+    if depth > 1:
+        return all(fits(*pair, depth - 1, count) for pair in zip(values, boundaries, strict=True))
+    return all(value is None or 0 <= value < count for value in values)
+
+
+def breaks(value: Any, schema: Schema) -> Iterator[str]:
+    """The breaks of a schema by a value, a phrase each that begins with the place."""
+    whole = {**SHAPES, "definitions": SHAPES}
+    registry: Registry[Any] = Registry(  # type: ignore[call-arg] # an attrs class
         retrieve=lambda address: Resource.from_contents(whole, default_specification=DRAFT7)
     )
-
-
-def breaks(value: Any, schema: Schema | bool, registry: Registry[Any] | None = None) -> Iterator[str]:
-    """The breaks of a schema by a value, a phrase each that begins with the place.
-
-    Parameters
-    ----------
-    value : object
-        What `json` reads.
-    schema : mapping or bool
-        The schema; true allows all, false nothing.
-    registry : Registry or None
-        Documents that a `$ref` may name (`registry_of`).
-
-    Raises
-    ------
-    ValueError
-        When the schema leads round in a circle, names what does not exist, or is none.
-    """
-    validator = Draft7Validator(schema, registry=Registry() if registry is None else registry)
-    try:
-        for error in validator.iter_errors(value):
-            place = "".join(
-                f"[{step}]" if isinstance(step, int) else f".{step}" for step in error.absolute_path
-            )
-            text = repr(error.instance)
-            shown = text if len(text) < LONGEST else f"{text[: LONGEST - 4]}…"
-            yield f"{place.lstrip('.') or 'it'}: {error.message.replace(text, shown)}"
-    except RecursionError:
-        raise ValueError("a schema refers to itself without end") from None
-    except (Unresolvable, SchemaError, UnknownType, TypeError, re.error) as error:
-        raise ValueError(f"the schema cannot be followed: {str(error).splitlines()[0]}") from None
+    for error in Draft7Validator(schema, registry=registry).iter_errors(value):
+        yield f"{list(error.absolute_path)}: {error.message}"
 
 
 TEXT: Schema = {"type": "string"}
@@ -307,38 +320,5 @@ FEATURE = record(
     },
     ("type", "id", "CityObjects", "vertices"),
 )
-SHAPES: dict[str, Schema] = {
-    **OBJECTS,
-    **GEOMETRIES,
-    "_AbstractCityObject": {"properties": COMMON},
-    **{f"_Abstract{kind}": {"properties": OBJECTS[kind]["properties"]} for kind in ("Bridge", "Building")},
-    "_AbstractTransportationComplex": {"properties": COMMON},
-    "Semantics": record({"type": TEXT}, ("type",)),
-    "Lods": {"enum": LODS},
-    "Material": _MATERIAL,
-    "Texture": _TEXTURE,
-    "metadata": METADATA,
-}
-"""The parts of CityJSON's schemas that extensions name."""
-SCHEMAS = registry_of(SHAPES)
-PLUS = r"^\+"
-_EXTRA = {"type": "object", "patternProperties": {PLUS: True}, "additionalProperties": False}
-EXTENSION = record(
-    {
-        "type": {"const": "CityJSONExtension"},
-        "name": {"type": "string", "pattern": r"^\w[a-zA-Z@#0-9._]*$"},
-        "url": TEXT,
-        "version": {"type": "string", "pattern": r"^\d\.(\d+\.)?(\*|\d+)$"},
-        "versionCityJSON": {"type": "string", "pattern": r"^\d\.\d$"},
-        "description": TEXT,
-        "extraRootProperties": _EXTRA,
-        "extraAttributes": record(dict.fromkeys(OBJECTS, _EXTRA), closed=True),
-        "extraCityObjects": _EXTRA,
-        "extraSemanticSurfaces": _EXTRA,
-    },
-    (
-        *("type", "name", "version", "versionCityJSON"),
-        *("extraAttributes", "extraCityObjects", "extraRootProperties", "extraSemanticSurfaces"),
-    ),
-)
-"""A file that defines an extension (section 8)."""
+SHAPES: dict[str, Schema] = {**OBJECTS, **GEOMETRIES}
+"""The parts that other parts name."""

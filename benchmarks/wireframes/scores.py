@@ -1,7 +1,11 @@
-"""Roof wireframes against reference wireframes: corners and edges, as in Building3D [wang2023]."""
+"""Roof wireframes against reference wireframes: corners and edges, as in Building3D [wang2023].
+
+Run `python -m benchmarks.wireframes.scores RESULT REFERENCE`, each an OBJ file or a folder of them.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -11,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from eaves.evaluate.report import Evaluation
 from eaves.evaluate.scores import Agreement, ratio
 from eaves.formats import InputError
 from eaves.model import Points
@@ -45,7 +50,8 @@ class WireframeScore:
 
     Examples
     --------
-    >>> from eaves.evaluate import Agreement, WireframeScore
+    >>> from benchmarks.wireframes.scores import WireframeScore
+    >>> from eaves.evaluate import Agreement
     >>> WireframeScore(Agreement(4, 4, 4, 5), Agreement(4, 4, 4, 6), 0.1).corners.correctness
     0.8
     """
@@ -85,8 +91,7 @@ def evaluate_wireframe(
     Examples
     --------
     >>> import numpy as np
-    >>> from eaves.evaluate import evaluate_wireframe
-    >>> from eaves.evaluate.wireframes import Wireframe
+    >>> from benchmarks.wireframes.scores import Wireframe, evaluate_wireframe
     >>> corners = np.array([[0.0, 0, 5], [10, 0, 5], [10, 8, 5]])
     >>> edges = np.array([[0, 1], [1, 2]])
     >>> score = evaluate_wireframe(Wireframe(corners + 0.1, edges), Wireframe(corners, edges))
@@ -129,7 +134,7 @@ def sum_scores(scores: Sequence[WireframeScore]) -> WireframeScore:
     Examples
     --------
     >>> import numpy as np
-    >>> from eaves.evaluate.wireframes import Wireframe, evaluate_wireframe, sum_scores
+    >>> from benchmarks.wireframes.scores import Wireframe, evaluate_wireframe, sum_scores
     >>> roof = Wireframe(np.array([[0.0, 0, 5], [10, 0, 5]]), np.array([[0, 1]]))
     >>> sum_scores([evaluate_wireframe(roof, roof)] * 3).corners.f1
     1.0
@@ -179,3 +184,55 @@ def read_wireframe(path: str | Path) -> Wireframe:
     if not corners or any(not 0 <= number < len(corners) for edge in edges for number in edge):
         raise InputError.about(path, "names corners it does not have", "give a file of v and l lines")
     return Wireframe(np.array(corners), np.array(sorted(edges), np.int64).reshape(-1, 2))
+
+
+def compare_wireframes(result: Path, reference: Path) -> Evaluation:
+    """Roof wireframes against others by Building3D's measures: one OBJ file against one, or the files of a
+    folder against those of the same name in another.
+
+    Parameters
+    ----------
+    result, reference : Path
+        OBJ files or folders of them. A file of the reference without one in the result is a roof with nothing
+        found.
+
+    Returns
+    -------
+    Evaluation
+        The measures over all corners and edges, and a row for each file.
+
+    Raises
+    ------
+    InputError
+        For a file that is no wireframe, and a folder without any.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from benchmarks.wireframes.scores import compare_wireframes
+    >>> _ = Path("roof.obj").write_text("v 0 0 5\\nv 9 0 5\\nl 1 2\\n")
+    >>> compare_wireframes(Path("roof.obj"), Path("roof.obj")).figures["corners, F1"]
+    1.0
+    """
+    pairs = [(result, reference)]
+    if reference.is_dir():
+        if not result.is_dir():
+            raise InputError.about(result, "is no folder", "give a folder of wireframes, as the reference is")
+        pairs = [(result / path.name, path) for path in sorted(reference.glob("*.obj"))]
+        if not pairs:
+            raise InputError.about(reference, "holds no wireframe", "give a folder of .obj files")
+    for path in (path for pair in pairs for path in pair):
+        if path.suffix.lower() != ".obj":
+            raise InputError.about(path, "is no wireframe", "compare OBJ with OBJ")
+    scores, rows = [], []
+    for drawn, true in pairs:
+        found = read_wireframe(drawn) if drawn.exists() or len(pairs) == 1 else NOTHING
+        score = evaluate_wireframe(found, read_wireframe(true))
+        scores.append(score)
+        rows.append({"roof": true.stem, **figures_of(score)})
+    figures = {"roofs": len(pairs), **figures_of(sum_scores(scores))}
+    return Evaluation("wireframe", str(result), str(reference), figures=figures, rows=tuple(rows))
+
+
+if __name__ == "__main__":
+    print(compare_wireframes(Path(sys.argv[1]), Path(sys.argv[2])).as_text())

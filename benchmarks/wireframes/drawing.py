@@ -1,10 +1,12 @@
 """Roofs as wireframes in Wavefront OBJ: corners and the straight edges between them, `v` and `l` lines.
 
 World coordinates in the coordinate system's units, as Building3D's wireframes are; one object a building.
+Run `python -m benchmarks.wireframes.drawing OUT/buildings.city.jsonl wireframe.obj`.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from heapq import heapify, heappop, heappush
 from pathlib import Path
@@ -15,6 +17,8 @@ from scipy.spatial import cKDTree
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
+from eaves.formats.models.cityjson_read import read_models
+from eaves.formats.models.dxf import DECIMALS, turning_corners
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import (
@@ -31,15 +35,9 @@ from eaves.model import (
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.checks import check_positive
 
-CORNER_TURN_DEG = 10.0
-"""A vertex of a roof face is a corner where its ring turns by more."""
-
 DRAWN_DETAIL = 0.8
 """A detail smaller than this (m) is drawn as one corner: head and foot of a low step, a parapet, a jog.
 Corners of Building3D are paired over 1 m."""
-
-DECIMALS = 3
-"""Of a coordinate: a millimetre, or a thousandth of a foot."""
 
 
 def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[Points, Integers]:
@@ -69,7 +67,7 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     Examples
     --------
     >>> from eaves.simulate import nine_roofs_on_a_slope
-    >>> from eaves.formats.models.obj_wireframe import roof_wireframe
+    >>> from benchmarks.wireframes.drawing import roof_wireframe
     >>> shed = nine_roofs_on_a_slope(density=4.0).buildings[2].model((0.0, 0.0))
     >>> corners, edges = roof_wireframe(shed)
     >>> len(corners), len(edges)
@@ -157,33 +155,12 @@ def joined_faces(rings: list[list[Points]], reach: float) -> list[list[int]]:
     return list(members.values())
 
 
-def turning_corners(rings: list[Points]) -> tuple[Points, Integers]:
-    """The corners (V, 3) where one of the rings turns, and the pairs of them (E, 2) that rings join."""
-    number: dict[tuple[float, ...], int] = {}
-    chains = []
-    for ring in rings:
-        into, out = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-        size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
-        turns = (into * out).sum(axis=1) < size * np.cos(np.radians(CORNER_TURN_DEG))
-        chain = [tuple(place) for place in np.round(ring, DECIMALS).tolist()]
-        chains.append(chain)
-        for place, corner in zip(chain, turns.tolist(), strict=True):
-            if corner:
-                number.setdefault(place, len(number))
-    edges = set()
-    for chain in chains:
-        kept = [number[place] for place in chain if place in number]
-        pairs = zip(kept, kept[1:] + kept[:1], strict=True)
-        edges |= {(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]}
-    return np.array(list(number)).reshape(-1, 3), np.array(sorted(edges), np.int64).reshape(-1, 2)
-
-
 def corner_groups(corners: Points, detail: float) -> Integers:
     """The group (V,) of each corner (V, 3), 0, 1, …: all of one group are within `detail` (m) of one another.
 
     The two groups that lie nearest become one, again and again (complete linkage).
     """
-    from scipy.cluster.hierarchy import fcluster, linkage  # late: every run loads this module
+    from scipy.cluster.hierarchy import fcluster, linkage
 
     if len(corners) == 0:
         return np.zeros(0, np.int64)
@@ -288,7 +265,7 @@ def write_obj_wireframe(
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
-    >>> from eaves.formats import write_obj_wireframe
+    >>> from benchmarks.wireframes.drawing import write_obj_wireframe
     >>> write_obj_wireframe("wireframe.obj", models)
     9
     """
@@ -313,3 +290,7 @@ def write_obj_wireframe(
             start += len(world)
             count += 1
     return count
+
+
+if __name__ == "__main__":
+    print(write_obj_wireframe(sys.argv[2], read_models(sys.argv[1])), "roofs")

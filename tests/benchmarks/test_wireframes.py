@@ -6,11 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.wireframes.drawing import (
+    corner_groups,
+    joined_faces,
+    without_straight_corners,
+    write_obj_wireframe,
+)
+from benchmarks.wireframes.scores import (
+    Wireframe,
+    compare_wireframes,
+    evaluate_wireframe,
+    read_wireframe,
+)
 
-from eaves.evaluate import evaluate_files, evaluate_wireframe
-from eaves.evaluate.wireframes import Wireframe, read_wireframe
-from eaves.formats import InputError, write_obj_wireframe
-from eaves.formats.models.obj_wireframe import corner_groups, joined_faces, without_straight_corners
+from eaves.formats import InputError
 from eaves.simulate import nine_roofs_on_a_slope
 
 SQUARE = np.array([[0, 0, 5], [10, 0, 5], [10, 10, 5], [0, 10, 5]], float)
@@ -70,7 +79,7 @@ def test_folders_are_compared_roof_by_roof__a_missing_one_counts(tmp_path: Path)
         write_obj_wireframe(true / f"{building.kind}.obj", [building.model(truth.cloud.origin)])
     for path in list(true.iterdir())[:-1]:
         (mine / path.name).write_bytes(path.read_bytes())
-    evaluation = evaluate_files("wireframe", mine, true)
+    evaluation = compare_wireframes(mine, true)
     assert evaluation.figures["roofs"] == 9
     assert evaluation.figures["corners, precision"] == 1
     assert 0.7 < float(evaluation.figures["corners, recall"]) < 1
@@ -91,7 +100,7 @@ def test_written_wireframe_is_the_roof_in_world_coordinates(tmp_path: Path) -> N
 def test_a_mesh_and_a_folder_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "roofs").mkdir()
     with pytest.raises(InputError, match="holds no wireframe"):
-        evaluate_files("wireframe", tmp_path, tmp_path / "roofs")
+        compare_wireframes(tmp_path, tmp_path / "roofs")
 
 
 def test_low_step_and_small_jog_are_drawn_as_one_corner() -> None:
