@@ -212,8 +212,8 @@ ROOF = (
         "reconstruct",
         "short edges",
         3,
-        {"reconstruct.toolkit.extrude:merge_short_edges": lambda plan, labels, *_: (plan, labels)},
+        {"solids.extrude:merge_short_edges": lambda plan, labels, *_: (plan, labels)},
     ),
-    of("reconstruct", "face quality", 4, {"reconstruct.toolkit.attributes:weakness": lambda record: None}),
+    of("reconstruct", "face quality", 4, {"figures.attributes:weakness": lambda record: None}),
 )
 RULES = (*DETECT, *RUN, *UNITS, *OUTLINE, *GROUND, *ROOF)

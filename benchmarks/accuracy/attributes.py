@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.table import keep
+from eaves.figures.roof_figures import LEVEL_SLOPE_DEG, QUARTERS, quarter_of
 from eaves.model import BuildingModel, Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.reconstruct import reconstruct_building
-from eaves.reconstruct.toolkit.roof_figures import LEVEL_SLOPE_DEG, QUARTERS, quarter_of
 from eaves.roof import segment_roof
 from eaves.simulate.objects.exact import ExactBuilding
 from eaves.simulate.objects.houses import STOREY, draw_detached

@@ -14,10 +14,10 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.table import keep
+from eaves.figures.attributes import surface_heights
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import BuildingModel, Footprint, Values
 from eaves.reconstruct import reconstruct_building
-from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.roof import segment_roof
 from eaves.validate.models import validate_model
 

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from benchmarks.table import keep
 from benchmarks.wireframes.drawing import DRAWN_DETAIL, roof_wireframe
 from benchmarks.wireframes.scores import NOTHING, Wireframe, evaluate_wireframe, read_wireframe, sum_scores
+from eaves.figures.attributes import face_vectors, measure_volume
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane
@@ -32,7 +33,6 @@ from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.plane_intersection import PlaneIntersection
 from eaves.reconstruct.prism import Prism
-from eaves.reconstruct.toolkit.attributes import face_vectors, measure_volume
 from eaves.roof import segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.simulate.scanner import Scanner, scan_town

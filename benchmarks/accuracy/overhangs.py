@@ -16,7 +16,6 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Bounds, BuildingModel, Footprint, Points
 from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.overhangs import edge_frames, edges_inward
-from eaves.reconstruct.toolkit.undersides import RoofPlan, walls_inside
 from eaves.roof import segment_roof
 from eaves.simulate import Flight, Town, scan_town
 from eaves.simulate.objects.exact import ExactBuilding
@@ -25,6 +24,7 @@ from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building
 from eaves.simulate.objects.surfaces import FASCIA, ScannedSurfaces
 from eaves.simulate.objects.terrain import make_terrain
 from eaves.simulate.objects.vegetation import Foliage, grow_shrub
+from eaves.solids.undersides import RoofPlan, walls_inside
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.overhangs"

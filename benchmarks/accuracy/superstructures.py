@@ -12,12 +12,12 @@ import shapely
 
 from benchmarks.accuracy.rotations import scatter
 from benchmarks.table import keep
+from eaves.figures.attributes import surface_heights
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.model import BuildingModel, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct import reconstruct_building
-from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.roof import segment_roof
 from eaves.roof.toolkit.crowns import crown_points
 from eaves.simulate.objects.masses import Mass

@@ -2,7 +2,7 @@
 
 A building is right when nine tenths of its plan lie within 0.2 m of the true roof, and nine tenths of its
 outline within 1 m of the true one, and the other way round. Of row houses the whole row is looked at. Prints
-what stands in `eaves.buildings.trust` beside what is learned on all towns, and keeps how often buildings of
+what stands in `eaves.figures.trust` beside what is learned on all towns, and keeps how often buildings of
 each class are right in a town that the weights were not learned on.
 """
 

@@ -9,9 +9,9 @@ import shapely
 from eaves.model import Points
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
-from eaves.reconstruct.toolkit.coverage import Coverage, coverage_of
-from eaves.reconstruct.toolkit.half_edges import Integers
-from eaves.reconstruct.toolkit.simplification import is_sound
+from eaves.solids.coverage import Coverage, coverage_of
+from eaves.solids.half_edges import Integers
+from eaves.solids.simplification import is_sound
 
 SPACING = 0.25
 LOW, HIGH = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 6.0])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import shapely
 
+from eaves.figures.attributes import surface_heights
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.reconstruct.toolkit.evidence import MOST_PLANES, largest_only
 from eaves.reconstruct.toolkit.plan_lines import MOST_TOGETHER
 from eaves.roof import segment_roof

@@ -7,11 +7,11 @@ import pytest
 import shapely
 from shapely import Polygon
 
+from eaves.figures.attributes import surface_heights
 from eaves.model import BuildingModel, Footprint, Points
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.maas_vosselman import MaasVosselman
 from eaves.reconstruct.maas_vosselman.primitives import cut_plan, fill_of
-from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.roof import segment_roof
 from eaves.roof.tin_faces import TinFaces
 from eaves.validate import validate_model

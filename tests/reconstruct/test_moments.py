@@ -12,7 +12,7 @@ from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.extents import extent_of
 from eaves.reconstruct.moments.invariants import SurfaceMoments, border_growth, closed_form, surface_moments
-from eaves.reconstruct.toolkit.soundness import find_defect
+from eaves.solids.soundness import find_defect
 
 LENGTH, WIDTH, EAVES, RISE = 12.0, 8.0, 5.0, 3.0
 

@@ -10,15 +10,15 @@ import pytest
 import shapely
 
 from eaves import build, validate_model
+from eaves.figures.attributes import face_vectors, measure_volume
 from eaves.formats import write_cityjson
 from eaves.model import BuildingModel, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE
 from eaves.reconstruct import add_overhangs
 from eaves.reconstruct.overhangs import edges_inward
-from eaves.reconstruct.toolkit.attributes import face_vectors, measure_volume
-from eaves.reconstruct.toolkit.undersides import RoofPlan, build_overhanging, walls_inside
 from eaves.simulate import scan_town, simulate_town, write_simulation
 from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, shifted_masses, wing
+from eaves.solids.undersides import RoofPlan, build_overhanging, walls_inside
 
 THICK = 0.25
 

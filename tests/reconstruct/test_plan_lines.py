@@ -12,7 +12,6 @@ from shapely import Polygon
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.reconstruct.toolkit.plan_lines import (
     MOST_TOGETHER,
-    OVERSHOOT,
     Line,
     border_places,
     divide,
@@ -20,6 +19,7 @@ from eaves.reconstruct.toolkit.plan_lines import (
     fullest_strip_kernel,
     step_lines,
 )
+from eaves.solids.coverage import OVERSHOOT
 
 
 def test_two_rows_of_places_give_two_lines__the_longer_first() -> None:

@@ -10,11 +10,11 @@ import pytest
 import shapely
 
 from eaves.evaluate.city import read_buildings
+from eaves.figures.attributes import surface_heights
 from eaves.formats import write_cityjson
 from eaves.model import BuildingModel, Footprint, Installation, Solid
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.reconstruct.toolkit.superstructures import join_overlapping, stand_bodies
 from eaves.roof import segment_roof
 from eaves.simulate.objects.roofs import Masses, chimney, gable, make_building

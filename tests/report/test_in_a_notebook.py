@@ -93,7 +93,7 @@ def test_geopandas_gets_outlines_in_the_systems_unit(nine_roofs: ExactScene) -> 
 
 def test_trimesh_is_closed_and_has_the_volume(nine_roofs: ExactScene) -> None:
     pytest.importorskip("trimesh")
-    from eaves.reconstruct.toolkit.attributes import measure_volume
+    from eaves.figures.attributes import measure_volume
 
     for building in nine_roofs.buildings:
         model = building.model()

@@ -15,7 +15,7 @@ from tests.conftest import build_in_blocks
 
 from eaves.blocks.block import block_pass
 from eaves.blocks.block_file import BlockFile, block_arrays
-from eaves.buildings.rows import BuildingRow
+from eaves.figures.rows import BuildingRow
 from eaves.flow import tiles
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.formats.vectors.geopackage import read_polygons

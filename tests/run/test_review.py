@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import shapely
 
-from eaves.buildings.rows import BuildingRow
-from eaves.buildings.trust import HIGH, LOW, judge
+from eaves.figures.rows import BuildingRow
+from eaves.figures.trust import HIGH, LOW, judge
 from eaves.flow.review import review_rows, write_review
 from eaves.formats.vectors.geopackage import Row
 from eaves.model.coordinates import LOCAL_METRES

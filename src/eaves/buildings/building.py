@@ -10,6 +10,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from eaves.buildings.gather import cells_of, is_seen_beside
+from eaves.figures.attributes import measure_again
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import (
     Block,
@@ -23,14 +24,13 @@ from eaves.model import (
     Raster,
     RoofPlane,
 )
+from eaves.model.building import OVERHANGS
 from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL
 from eaves.reconstruct import add_overhangs, reconstruct_building
-from eaves.reconstruct.overhangs import LOD as OVERHANGS
-from eaves.reconstruct.toolkit.attributes import measure_again
 from eaves.roof import segment_roof
 from eaves.roof.toolkit.crowns import crown_points
 from eaves.run.clock import Clock

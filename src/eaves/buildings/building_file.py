@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.buildings.rows import BuildingRow
+from eaves.figures.rows import BuildingRow
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, Step

@@ -23,7 +23,6 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.buildings.party_wall_areas import PARTY_GAP
 from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch, open_epoch
 from eaves.change.faced import Faced, by_site, found_beside, roof_points
@@ -31,6 +30,7 @@ from eaves.change.measure import REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
 from eaves.change.verdict import ChangeRules, Verdict, judge_building
+from eaves.figures.party_walls import PARTY_GAP
 from eaves.flow.advice import STRIP_CELL
 from eaves.flow.run import Progress, no_progress
 from eaves.model import Block, Bounds, PointCloud, Points

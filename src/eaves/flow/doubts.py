@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from eaves.buildings.rows import BuildingRow
+from eaves.figures.rows import BuildingRow
 from eaves.formats.vectors.geopackage import Row
 from eaves.model import Block
 from eaves.model.doubt import Doubt

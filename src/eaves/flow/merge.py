@@ -12,7 +12,7 @@ import numpy as np
 import rasterio
 import shapely
 
-from eaves.buildings.rows import BuildingRow
+from eaves.figures.rows import BuildingRow
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.flow.rasters import write_run_mask
 from eaves.flow.review import REVIEW, write_review

@@ -9,8 +9,7 @@ import numpy as np
 import shapely
 
 from eaves.buildings.building_file import ANSWERS, Kept
-from eaves.buildings.envelope import wall_figures
-from eaves.buildings.party_wall_areas import PARTY_GAP, Walls
+from eaves.figures.party_walls import PARTY_GAP, Walls, wall_figures
 from eaves.model import Block, BuildingModel, Failure
 
 HOMES_IN_MEMORY = 16

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from eaves.blocks.block_file import BlockMetadata, block_extent, open_block
 from eaves.buildings.building_file import Kept
-from eaves.buildings.envelope import envelope_figures
-from eaves.buildings.trust import judge
+from eaves.figures.party_walls import envelope_figures
+from eaves.figures.trust import judge
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.flow.exports import export_footprints, export_models, export_points
 from eaves.flow.neighbours import party_walls

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from eaves.buildings.rows import BuildingRow
-from eaves.buildings.trust import judge
+from eaves.figures.rows import BuildingRow
+from eaves.figures.trust import judge
 from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row
 from eaves.model import CoordinateSystem

@@ -24,9 +24,9 @@ from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.remote import localise
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
+from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
 from eaves.recipe.recipe import Recipe, make_recipe
-from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.index import Index, index_inputs
 from eaves.run.lock import LOCK
 from eaves.run.memory import parse_memory

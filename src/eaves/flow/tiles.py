@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from eaves.blocks.ground import seen_from
 from eaves.buildings.join import assign_footprints
-from eaves.buildings.rows import BuildingRow
+from eaves.figures.rows import BuildingRow
 from eaves.flow.outputs import COUNTED, summary_of, write_map, write_run
 from eaves.flow.review import REVIEW
 from eaves.flow.run import Progress, Run

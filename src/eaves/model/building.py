@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 LODS = ("0", "1.2", "1.3", "2.0", "2.2", "2.3")
 """Levels of detail after Biljecki, Ledoux and Stoter 2016, coarse to fine."""
 
+OVERHANGS = "2.3"
+"""The level of detail with overhanging eaves."""
+
 GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE = "GroundSurface", "WallSurface", "RoofSurface"
 OUTER_CEILING_SURFACE = "OuterCeilingSurface"
 """The underside of an overhang or of a roof without walls."""

@@ -11,7 +11,7 @@ from eaves.detect import Detector
 from eaves.ground import GroundMethod
 from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
 from eaves.model.block import SEAM
-from eaves.model.building import LODS
+from eaves.model.building import LODS, OVERHANGS
 from eaves.model.cloud import (
     BRIDGE_DECK,
     BUILDING,
@@ -27,7 +27,6 @@ from eaves.model.cloud import (
 from eaves.outline import OutlineMethod
 from eaves.recipe.sources import find_source, with_source
 from eaves.reconstruct import Reconstructor
-from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.reconstruct.overhangs import OverhangRules
 from eaves.roof import RoofMethod
 from eaves.surroundings.vegetation import VegetationRules

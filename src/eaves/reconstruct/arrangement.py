@@ -7,30 +7,29 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
-from eaves.reconstruct.toolkit.attributes import (
+from eaves.figures.attributes import (
     NEAR_M,
     Surface,
     describe_roof,
     surface_heights,
 )
+from eaves.methods import Emit, ignore, parameter
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
 from eaves.reconstruct.toolkit.cell_labels import LARGEST, cell_costs, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
-from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import (
-    LOWEST_ROOF,
     faces_as_planes,
     seen_roof,
     spacing_on_roof,
     support_of,
 )
-from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
-from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_towers, find_superstructures
+from eaves.solids.coverage import Coverage
+from eaves.solids.cutting import arrange
+from eaves.solids.extrude import LOWEST_ROOF, extrude_plan, without_numbers
+from eaves.solids.half_edges import MOST_ROUNDS
 
 
 class Arrangement(ObjectLimits):

@@ -12,15 +12,14 @@ from scipy.spatial import cKDTree
 from scipy.special import bdtrc
 from shapely import Polygon
 
+from eaves.figures.attributes import LEAST_SHOWN, surface_heights
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
-from eaves.model.building import WALL_SURFACE
+from eaves.model.building import OVERHANGS, WALL_SURFACE
 from eaves.model.checks import check_points, check_type
-from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, surface_heights
-from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS
-from eaves.reconstruct.toolkit.undersides import RoofPlan, build_overhanging, walls_inside
+from eaves.solids.half_edges import MOST_ROUNDS
+from eaves.solids.undersides import RoofPlan, build_overhanging, walls_inside
 
-LOD = "2.3"
 SOURCE = "2.2"
 """The level that is given its overhangs."""
 WALL, OPEN, UNKNOWN = "seen", "open", "unknown"
@@ -356,9 +355,9 @@ def add_overhangs(
         return without_overhangs(
             model, edges, "walls_unseen", "no wall is seen under its roof, and no ground"
         )
-    solids = {**model.solids, LOD: tuple(built)}
+    solids = {**model.solids, OVERHANGS: tuple(built)}
     return model.with_(
-        solids=solids, attributes={**model.attributes, **describe_overhangs(edges), "lod": LOD}
+        solids=solids, attributes={**model.attributes, **describe_overhangs(edges), "lod": OVERHANGS}
     )
 
 

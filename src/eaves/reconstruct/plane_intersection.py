@@ -7,21 +7,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.figures.attributes import describe_roof
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.toolkit.attributes import describe_roof
-from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
     seen_roof,
     support_of,
 )
-from eaves.reconstruct.toolkit.extrude import extrude_plan
-from eaves.reconstruct.toolkit.half_edges import Integers
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, candidate_lines, extend
+from eaves.solids.coverage import Coverage
+from eaves.solids.cutting import arrange
+from eaves.solids.extrude import extrude_plan
+from eaves.solids.half_edges import Integers
 
 
 class PlaneIntersection(LineReconstructor):

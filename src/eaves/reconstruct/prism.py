@@ -6,18 +6,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from eaves.figures.attributes import describe_roof
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import describe_roof
-from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import (
-    LOWEST_ROOF,
     PRISM_PERCENTILE,
     seen_roof,
 )
-from eaves.reconstruct.toolkit.extrude import extrude
-from eaves.reconstruct.toolkit.soundness import find_defect
+from eaves.solids.cutting import arrange
+from eaves.solids.extrude import LOWEST_ROOF, extrude
+from eaves.solids.soundness import find_defect
 
 
 class Prism(Reconstructor):

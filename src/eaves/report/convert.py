@@ -9,7 +9,7 @@ from typing import Any
 
 import shapely
 
-from eaves.buildings.rows import building_row, world_polygon
+from eaves.figures.rows import building_row, world_polygon
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.models.meshes import mesh_of
 from eaves.formats.vectors.geopackage import read_details

@@ -21,11 +21,14 @@ from eaves.reconstruct.moments.parts import RoofPart, find_parts
 from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
 from eaves.reconstruct.plane_intersection import PlaneIntersection, raise_polyhedron, vote
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.reconstruct.toolkit.evidence import points_inside, seen_roof, support_of
-from eaves.reconstruct.toolkit.half_edges import Integers
-from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT, candidate_lines, extend
+from eaves.reconstruct.toolkit.plan_lines import (
+    candidate_lines,
+    extend,
+)
+from eaves.solids.coverage import OVERSHOOT, Coverage
+from eaves.solids.cutting import arrange
+from eaves.solids.half_edges import Integers
 
 
 @dataclass(frozen=True, eq=False)

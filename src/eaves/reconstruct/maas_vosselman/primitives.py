@@ -10,7 +10,7 @@ from shapely.geometry.polygon import orient
 from shapely.ops import split
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT
+from eaves.solids.coverage import OVERSHOOT
 
 JOG = 0.25
 """A corner that a line simplified by this (m) leaves out starts no cut."""

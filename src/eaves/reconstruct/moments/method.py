@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.figures.attributes import describe_roof
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
@@ -17,7 +18,6 @@ from eaves.reconstruct.moments.parametric_roof import CUT
 from eaves.reconstruct.moments.parts import PartLimits, RoofPart, explained, find_parts
 from eaves.reconstruct.moments.solid import rectangle_of, solids_of
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.evidence import points_inside
 
 

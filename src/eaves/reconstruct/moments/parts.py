@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 from scipy.spatial import cKDTree
 
+from eaves.figures.attributes import LEAST_SHOWN, NEAR_M
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.methods import parameter
 from eaves.model import Mask, Points
@@ -29,7 +30,6 @@ from eaves.reconstruct.moments.parametric_roof import (
     ParametricFit,
     fit_parametric_roof,
 )
-from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, NEAR_M
 
 
 class PartLimits(BaseModel):

@@ -13,10 +13,10 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Solid
 from eaves.reconstruct.moments.building import ParametricBuilding, squared_up
 from eaves.reconstruct.moments.parts import RoofPart, lowest, main_planes
-from eaves.reconstruct.toolkit.cutting import arrange
-from eaves.reconstruct.toolkit.extrude import extrude
-from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT
-from eaves.reconstruct.toolkit.soundness import find_defect
+from eaves.solids.coverage import OVERSHOOT
+from eaves.solids.cutting import arrange
+from eaves.solids.extrude import extrude
+from eaves.solids.soundness import find_defect
 
 Edges = tuple[float, float, float, float]
 

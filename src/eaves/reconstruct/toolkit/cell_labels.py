@@ -13,9 +13,9 @@ from eaves.geometry.components import members
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Labels, Points, Values
-from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
-from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS, OUTSIDE, Integers
+from eaves.solids.coverage import Coverage
+from eaves.solids.extrude import LOWEST_ROOF
+from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers
 
 LARGEST = 1e5
 """A label that costs so much at a node is never taken."""

@@ -9,10 +9,10 @@ from eaves.geometry.inside import points_in_polygons
 from eaves.kernels import kernel
 from eaves.model import Points, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
-from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, leaving_kernel
-from eaves.reconstruct.toolkit.simplification import corner_rank, is_sound, make_moves
-from eaves.reconstruct.toolkit.soundness import LOWEST_WALL
+from eaves.solids.coverage import Coverage
+from eaves.solids.half_edges import OUTSIDE, Integers, leaving_kernel
+from eaves.solids.simplification import corner_rank, is_sound, make_moves
+from eaves.solids.soundness import LOWEST_WALL
 
 PASSES = 8
 """Passes over the plan, in each of which moves that do not touch one another are made together; more of them

@@ -8,20 +8,18 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
+from eaves.figures.attributes import FEWEST_POINTS, Surface, surface_heights
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygons_of
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, Surface, surface_heights
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
+from eaves.solids.extrude import LOWEST_ROOF
 
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
-
-LOWEST_ROOF = 0.5
-"""A roof is at least this high (m) above the base: nothing is built lower, and solids keep a wall."""
 
 MOST_PLANES = 1500
 """Planes that take part, those with most points; a table of cells and planes bounds the rest."""

@@ -19,6 +19,7 @@ from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.stage import Reconstructor
+from eaves.solids.coverage import OVERSHOOT
 
 
 class LineReconstructor(Reconstructor):
@@ -68,9 +69,6 @@ class LineReconstructor(Reconstructor):
         0.5, "They stand together only when their heights differ by less.", unit="m", gt=0.0
     )
 
-
-OVERSHOOT = 0.01
-"""How far (m) a line runs past the one it ends on, so that rounding leaves no gap; a shorter one is none."""
 
 SAME_DIRECTION_DEG = 4.0
 """Directions nearer than this are one."""

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from eaves.figures.attributes import LEAST_SHOWN, NEAR_M, Surface, surface_heights
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygon_parts
@@ -20,14 +21,13 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import parameter
 from eaves.model import Bounds, Installation, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE
-from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, NEAR_M, Surface, surface_heights
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
-from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK, Coverage, coverage_of, cut_polygons
-from eaves.reconstruct.toolkit.extrude import SAME_HEIGHT
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
-from eaves.reconstruct.toolkit.soundness import CLOSEST, LOWEST_WALL
-from eaves.reconstruct.toolkit.undersides import RoofPlan, close_slabs
+from eaves.solids.coverage import NARROWEST_NECK, Coverage, coverage_of, cut_polygons
+from eaves.solids.extrude import SAME_HEIGHT
+from eaves.solids.half_edges import OUTSIDE, Integers
+from eaves.solids.soundness import CLOSEST, LOWEST_WALL
+from eaves.solids.undersides import RoofPlan, close_slabs
 
 CLEARANCE = SAME_HEIGHT + COORDINATE_STEP
 """A body begins so far (m) over the planes of the roof: what rounding and shared vertices move both by."""

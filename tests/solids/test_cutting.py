@@ -7,9 +7,9 @@ import pytest
 import shapely
 from numpy.testing import assert_allclose
 
-from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK, Coverage
-from eaves.reconstruct.toolkit.cutting import arrange
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE
+from eaves.solids.coverage import NARROWEST_NECK, Coverage
+from eaves.solids.cutting import arrange
+from eaves.solids.half_edges import OUTSIDE
 
 SQUARE = shapely.box(0.0, 0.0, 10.0, 10.0)
 

@@ -10,13 +10,12 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.buildings.envelope import envelope_figures
-from eaves.buildings.trust import judge
+from eaves.figures.party_walls import envelope_figures
+from eaves.figures.trust import judge
 from eaves.geometry.rings import area_vector
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Failure, Footprint, Points
-from eaves.model.building import ROOF_SURFACE
-from eaves.reconstruct.overhangs import LOD as OVERHANGS
+from eaves.model.building import OVERHANGS, ROOF_SURFACE
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,15 +7,15 @@ import numpy as np
 from eaves.geometry.tolerance import PLANARITY
 from eaves.model import Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
-from eaves.reconstruct.toolkit.cutting import arrange
-from eaves.reconstruct.toolkit.soundness import (
+from eaves.solids.cutting import arrange
+from eaves.solids.soundness import (
     FLATTEST_SHARE,
     fold_defect,
     on_own_plane,
     plan_defect,
     surely_sound,
 )
-from tests.reconstruct.test_extrusion import CROSS, SQUARE
+from tests.solids.test_extrusion import CROSS, SQUARE
 
 
 def tent(rng: np.random.Generator) -> Solid:

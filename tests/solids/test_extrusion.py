@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import shapely
 
+from eaves.figures.attributes import measure_volume
 from eaves.model import Face, Solid
 from eaves.model.building import ROOF_SURFACE
-from eaves.reconstruct.toolkit.attributes import measure_volume
-from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.cutting import arrange
-from eaves.reconstruct.toolkit.extrude import extrude, split_crossings
-from eaves.reconstruct.toolkit.simplification import SHORTEST_BORDER
-from eaves.reconstruct.toolkit.soundness import find_defect, fold_defect, on_own_plane
+from eaves.solids.coverage import Coverage
+from eaves.solids.cutting import arrange
+from eaves.solids.extrude import extrude, split_crossings
+from eaves.solids.simplification import SHORTEST_BORDER
+from eaves.solids.soundness import find_defect, fold_defect, on_own_plane
 
 SQUARE = shapely.box(0, 0, 4, 4)
 CROSS = np.array([[0.0, 2.0, 4.0, 2.0], [2.0, -1.0, 2.0, 5.0]])

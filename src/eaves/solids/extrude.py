@@ -17,9 +17,9 @@ from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Face, Mask, Points, Solid
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.reconstruct.toolkit.coverage import Coverage, coverage_of, cut_polygons
-from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
-from eaves.reconstruct.toolkit.simplification import (
+from eaves.solids.coverage import Coverage, coverage_of, cut_polygons
+from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
+from eaves.solids.simplification import (
     SHORTEST_BORDER,
     SHORTEST_EDGE,
     absorb_slivers,
@@ -27,7 +27,10 @@ from eaves.reconstruct.toolkit.simplification import (
     is_sound,
     merge_short_edges,
 )
-from eaves.reconstruct.toolkit.soundness import find_defect
+from eaves.solids.soundness import find_defect
+
+LOWEST_ROOF = 0.5
+"""A roof is at least this high (m) above the base: nothing is built lower, and solids keep a wall."""
 
 SAME_HEIGHT = 0.4 * PLANARITY
 """Heights over one node that are nearer than this (m) become one vertex, half of it off each plane: with the

@@ -14,8 +14,8 @@ from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import kernel
 from eaves.model import Mask, Values
-from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK, SMALLEST_PART, Coverage
-from eaves.reconstruct.toolkit.half_edges import (
+from eaves.solids.coverage import NARROWEST_NECK, SMALLEST_PART, Coverage
+from eaves.solids.half_edges import (
     MOST_ROUNDS,
     OUTSIDE,
     Integers,

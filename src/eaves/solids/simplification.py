@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 
 from eaves.kernels import kernel
-from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.half_edges import (
+from eaves.solids.coverage import Coverage
+from eaves.solids.half_edges import (
     MOST_ROUNDS,
     OUTSIDE,
     Integers,
@@ -16,7 +16,7 @@ from eaves.reconstruct.toolkit.half_edges import (
     sliver_kernel,
     straighten_kernel,
 )
-from eaves.reconstruct.toolkit.soundness import clear_plan_kernel
+from eaves.solids.soundness import clear_plan_kernel
 
 STRAIGHT = 0.005
 """A node this near (m) to the line between its neighbours is not needed."""

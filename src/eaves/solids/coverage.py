@@ -13,7 +13,7 @@ from shapely import Polygon
 from eaves.geometry.inside import points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Points, Values
-from eaves.reconstruct.toolkit.half_edges import (
+from eaves.solids.half_edges import (
     OUTSIDE,
     Integers,
     follow_kernel,
@@ -21,6 +21,9 @@ from eaves.reconstruct.toolkit.half_edges import (
     regions_kernel,
     rings_kernel,
 )
+
+OVERSHOOT = 0.01
+"""How far (m) a line runs past the one it ends on, so that rounding leaves no gap; a shorter one is none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.buildings.envelope import envelope_figures, wall_figures
-from eaves.buildings.party_wall_areas import Walls, shared_areas
+from eaves.figures.party_walls import Walls, envelope_figures, shared_areas, wall_figures
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.prism import Prism

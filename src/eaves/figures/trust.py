@@ -58,7 +58,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
 
     Examples
     --------
-    >>> from eaves.buildings.trust import judge
+    >>> from eaves.figures.trust import judge
     >>> judge({"lod": "2.2", "score": 1.0, "supported_share": 0.3})[0]
     'low'
     """

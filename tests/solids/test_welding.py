@@ -9,9 +9,9 @@ from shapely import affinity
 
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
-from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK
-from eaves.reconstruct.toolkit.cutting import arrange
 from eaves.simulate.objects.roofs import gable, make_building, wing
+from eaves.solids.coverage import NARROWEST_NECK
+from eaves.solids.cutting import arrange
 from eaves.validate.models import validate_model
 
 

@@ -7,10 +7,10 @@ import pytest
 import shapely
 
 from eaves import reconstruct_building, segment_roof
-from eaves.buildings.trust import judge
+from eaves.figures.attributes import grade_faces, supported_share
+from eaves.figures.roof_figures import ridge_direction, roof_figures, roof_type
+from eaves.figures.trust import judge
 from eaves.model import BuildingModel, Footprint
-from eaves.reconstruct.toolkit.attributes import grade_faces, supported_share
-from eaves.reconstruct.toolkit.roof_figures import ridge_direction, roof_figures, roof_type
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.simulate.objects.exact import ExactBuilding
 from eaves.simulate.objects.roofs import (

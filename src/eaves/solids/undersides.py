@@ -14,18 +14,17 @@ from shapely.geometry.base import BaseGeometry
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Solid
 from eaves.model.building import ROOF_SURFACE
-from eaves.reconstruct.toolkit.coverage import (
+from eaves.solids.coverage import (
     NARROWEST_NECK,
+    OVERSHOOT,
     SMALLEST_PART,
     Coverage,
     coverage_of,
     cut_polygons,
     through_corners,
 )
-from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
-from eaves.reconstruct.toolkit.extrude import close_cells, joined_cells, split_crossings
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
-from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT
+from eaves.solids.extrude import LOWEST_ROOF, close_cells, joined_cells, split_crossings
+from eaves.solids.half_edges import OUTSIDE, Integers
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.figures.roof_figures import face_shapes, roof_figures
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import following_places, ring_edges
 from eaves.geometry.roof_fit import face_planes_kernel, highest_faces
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
-from eaves.reconstruct.toolkit.roof_figures import face_shapes, roof_figures
 
 NEAR_M = 0.2
 """A point this near (m) to its face lies on it: six times the noise of a common scan."""

@@ -1,0 +1,1 @@
+"""Figures of a building, from its model and its points."""

@@ -1,0 +1,1 @@
+"""Closed solids: plans cut into cells, tidied, extruded, looked at once more."""
