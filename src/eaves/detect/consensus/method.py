@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
     EvidenceRules,
-    Terms,
     Weights,
     cell_odds,
     measured_terms,
@@ -23,6 +24,14 @@ from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
+from eaves.detect.consensus.placements import (
+    HALVES,
+    STEPS,
+    Placement,
+    Together,
+    mean_of_placements,
+    on_cells,
+)
 from eaves.detect.consensus.segments import Segments, find_segments
 from eaves.detect.consensus.unseen_roofs import VoidRules, find_hidden_roofs, find_roof_voids
 from eaves.detect.consensus.windows import WindowRules
@@ -31,7 +40,9 @@ from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.cloud import WATER
+from eaves.model.doubt import Doubt
 from eaves.model.scene import ROOF
+from eaves.raster.squares import closed_by_square
 
 CELL_SPACINGS, WIDE_CELL_M, LEAST_CELL_M = 1.4, 1.0, 0.5
 """The rule for `cell`: its width in spacings up to a wide cell (m), above it one spacing, and at least so
@@ -156,35 +167,68 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         candidate = self.candidates(scene)
         if int(candidate.sum()) < self.window_points:
             return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
-        xyz, evidence, segments = self.find_surfaces(scene, candidate)
-        emit("residual", evidence.residual)
-        emit("segments", segments.label)
-        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), self.judged_by, self)
-        building, roof, void, odds = self.settle(evidence, segments, terms, emit)
-        region, attached, rocks = self.keep_buildings(building, roof, evidence)
+        placements = [self.measure(scene, candidate, step) for step in STEPS]
+        first = placements[0]
+        emit("residual", first.evidence.residual)
+        emit("segments", first.segments.label)
+        other = ~candidate & ~scene.cloud.noise
+        together = mean_of_placements(placements, first.xyz, candidate, other, self.sure)
+        emit("odds", together.odds)
+        building = self.settle(together)
+        emit("cut", building)
+        half = together.evidence
+        region, attached, rocks = self.keep_buildings(building, together.roof, half)
         emit("regions", region)
-        surface = roof & (segments.label > 0)
-        most = self.tolerance(scene.spacing)
-        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, most, self.enclosed)
+        hidden = self.hidden_roofs(scene, placements, half, region)
         emit("hidden", hidden)
-        regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        regions = self.regions_of(scene, first.xyz, half, region, hidden, together.odds)
+        return regions.with_doubts(self.doubts(scene, first, half, region, rocks, attached, regions.score))
+
+    def doubts(
+        self,
+        scene: Scene,
+        placement: Placement,
+        half: Evidence,
+        region: Labels,
+        rocks: Labels,
+        attached: Values,
+        score: Values,
+    ) -> list[Doubt]:
+        """Doubts about the regions and the rocks on half cells (h, w), and about roofs without points."""
+        evidence, cells = placement.evidence, placement.evidence.cells
+        region, rocks = (on_cells(label, half.cells, cells, STEPS[0]) for label in (region, rocks))
         water = wet_cells(scene, evidence)
-        crowns_pass = terms.told.echoes.power < 0.5  # the means are less than one spread apart
-        roofs = surface if crowns_pass else np.zeros_like(surface)
-        doubts = void_doubts(evidence, void & (region > 0))
-        for groups, score, uneven in (
-            (region, regions.score, unevenness_of(evidence, roofs)),
+        crowns_pass = placement.echoes < 0.5  # the means are less than one spread apart
+        roofs = placement.roof if crowns_pass else np.zeros_like(placement.roof)
+        found = void_doubts(evidence, placement.void & (region > 0))
+        for groups, sure, uneven in (
+            (region, score, unevenness_of(evidence, roofs)),
             (rocks, np.zeros(rocks.max(initial=0)), np.full(evidence.shape, np.nan)),
         ):
-            doubts += region_doubts(evidence, groups, score, attached, water, self.max_attached, uneven, self)
-        return regions.with_doubts(doubts)
+            found += region_doubts(evidence, groups, sure, attached, water, self.max_attached, uneven, self)
+        return found
 
-    def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
-        """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
+    def measure(self, scene: Scene, candidate: Mask, step: tuple[int, int]) -> Placement:
+        """What the cells measure with the points moved by so many half cells."""
+        weights = self.judged_by
+        xyz, evidence, segments = self.find_surfaces(scene, candidate, step)
+        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), weights, self)
+        of_surface = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
+        of_surface = np.r_[0.0, of_surface][segments.label]
+        odds = np.where(terms.large, of_surface, cell_odds(terms.shape, terms.told, weights))
+        void, rims = find_roof_voids(evidence, self)
+        return Placement(xyz, evidence, segments, odds, of_surface, void, rims, terms.told.echoes.power)
+
+    def find_surfaces(
+        self, scene: Scene, candidate: Mask, step: tuple[int, int] = (0, 0)
+    ) -> tuple[Points, Evidence, Segments]:
+        """Points (N, 3) with heights counted from near them, moved by so many half cells, the evidence of
+        cells, the smooth surfaces."""
         z = scene.cloud.xyz[:, 2]
-        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(z.min(where=candidate, initial=z.max()))]
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
+        east, north = (half * side / HALVES for half in step)
+        xyz = scene.cloud.xyz + [east, north, -np.floor(z.min(where=candidate, initial=z.max()))]
         evidence = gather_evidence(scene, xyz, candidate, side, self)
         most = self.tolerance(scene.spacing)
         smooth = evidence.candidate & (evidence.residual < most)
@@ -198,26 +242,17 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         """The points (N,) that could be roofs."""
         return (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
 
-    def settle(
-        self,
-        evidence: Evidence,
-        segments: Segments,
-        terms: Terms,
-        emit: Emit = ignore,
-    ) -> tuple[Mask, Mask, Mask, Values]:
-        """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
-        cell; (H, W) each."""
-        weights = self.judged_by
-        emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
-        emitted = np.r_[0.0, emitted][segments.label]
-        odds = np.where(terms.large, emitted, cell_odds(terms.shape, terms.told, weights))
-        emit("odds", odds)
-        void, rims = find_roof_voids(evidence, self)
-        roof = (emitted > 0.0) | void
-        sure = 2.0 * self.most_log_ratio  # both measures, at their most
-        building = void | rims | cut_cells(evidence, odds, sure, self.smoothness, self.max_jump)
-        emit("cut", building)
-        return building, roof, void, odds
+    @property
+    def sure(self) -> float:
+        """Log odds that settle a cell: both measures, at their most."""
+        return 2.0 * self.most_log_ratio
+
+    def settle(self, together: Together) -> Mask:
+        """The building half cells (h, w); empty ones between them count as building."""
+        evidence = together.evidence
+        cut = cut_cells(evidence, together.odds, self.sure, self.smoothness, self.max_jump)
+        building = together.void | together.rims | cut
+        return np.asarray(building | (closed_by_square(building, 3) & ~evidence.candidate), np.bool_)
 
     @property
     def judged_by(self) -> Weights:
@@ -242,6 +277,25 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
             return np.asarray(np.where(which, np.arange(count + 1), 0).astype(np.int32)[label], np.int32)
 
         return chosen(good & loose), attached, chosen(rock)
+
+    def hidden_roofs(
+        self, scene: Scene, placements: Sequence[Placement], half: Evidence, region: Labels
+    ) -> NDArray[np.int32]:
+        """The region of each point (N,) that most placements find on a building's plane below a crown."""
+        times, number = np.zeros(len(scene.cloud), np.int32), np.zeros(len(scene.cloud), np.int32)
+        for one, step in zip(placements, STEPS, strict=True):
+            found = find_hidden_roofs(
+                one.evidence,
+                one.xyz,
+                ~scene.cloud.noise,
+                on_cells(region, half.cells, one.evidence.cells, step),
+                one.roof,
+                self.tolerance(scene.spacing),
+                self.enclosed,
+            )
+            times += found > 0
+            np.maximum(number, found, out=number)
+        return np.where(2 * times > len(placements), number, 0).astype(np.int32)
 
     def regions_of(
         self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
