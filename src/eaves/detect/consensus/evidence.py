@@ -16,8 +16,8 @@ from eaves.model import Labels, Mask, Points, Scene, Values
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """Rasters (H, W) over the cells; values mean nothing where `candidate` is False."""
+class Relief:
+    """Rasters (H, W) of heights and planes over the cells; values mean nothing where `candidate` is False."""
 
     cells: Cells
     candidate: Mask
@@ -32,17 +32,23 @@ class Evidence:
     north: Values
     level: Values
     """The best window's plane: slopes and its height at the middle of the cell."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the cells."""
+        return self.cells.shape
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence(Relief):
+    """The relief of the cells, and what else speaks for or against a roof in each, (H, W)."""
+
     multi_return_share: Values
     """Share of the window's candidate points whose pulse had several returns; 0 without returns."""
     penetration: Values
     """Share of all points in the window that lie on or near the ground."""
     height: Values
     """Mean height (m) of the cell's candidate points over the terrain."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the cells."""
-        return self.cells.shape
 
 
 def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, limits: WindowRules) -> Evidence:
@@ -82,7 +88,7 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, lim
     )
 
 
-def level_at(evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64]) -> Values:
+def level_at(evidence: Relief, cells: NDArray[np.int64], towards: NDArray[np.int64]) -> Values:
     """Height (K,) of the planes of cells (K,), carried on to the middles of the cells `towards` (K,)."""
     row, column = np.divmod(cells, evidence.shape[1])
     to_row, to_column = np.divmod(towards, evidence.shape[1])
@@ -92,7 +98,7 @@ def level_at(evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.i
 
 
 def missed_by(
-    evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64], height: Values
+    evidence: Relief, cells: NDArray[np.int64], towards: NDArray[np.int64], height: Values
 ) -> Values:
     """How far (m, (K,)) heights in the cells `towards` (K,) miss the surface of `cells` (K,): the plane
     carried on, if they have one, or the highest point."""

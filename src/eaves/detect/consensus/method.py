@@ -21,7 +21,7 @@ from eaves.detect.consensus.classifier import (
     surface_odds,
 )
 from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
-from eaves.detect.consensus.evidence import Evidence, gather_evidence
+from eaves.detect.consensus.evidence import Evidence, Relief, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
 from eaves.detect.consensus.placements import (
@@ -176,7 +176,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         emit("odds", together.odds)
         building = self.settle(together)
         emit("cut", building)
-        half = together.evidence
+        half = together.relief
         region, attached, rocks = self.keep_buildings(building, together.roof, half)
         emit("regions", region)
         hidden = self.hidden_roofs(scene, placements, half, region)
@@ -188,7 +188,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         self,
         scene: Scene,
         placement: Placement,
-        half: Evidence,
+        half: Relief,
         region: Labels,
         rocks: Labels,
         attached: Values,
@@ -249,17 +249,17 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     def settle(self, together: Together) -> Mask:
         """The building half cells (h, w); empty ones between them count as building."""
-        evidence = together.evidence
-        cut = cut_cells(evidence, together.odds, self.sure, self.smoothness, self.max_jump)
+        relief = together.relief
+        cut = cut_cells(relief, together.odds, self.sure, self.smoothness, self.max_jump)
         building = together.void | together.rims | cut
-        return np.asarray(building | (closed_by_square(building, 3) & ~evidence.candidate), np.bool_)
+        return np.asarray(building | (closed_by_square(building, 3) & ~relief.candidate), np.bool_)
 
     @property
     def judged_by(self) -> Weights:
         """The weights of the evidence."""
         return FITTED if self.weights is None else read_weights(self.weights)
 
-    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
+    def keep_buildings(self, building: Mask, roof: Mask, evidence: Relief) -> tuple[Labels, Values, Labels]:
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
         share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
         not without doubt."""
@@ -279,7 +279,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         return chosen(good & loose), attached, chosen(rock)
 
     def hidden_roofs(
-        self, scene: Scene, placements: Sequence[Placement], half: Evidence, region: Labels
+        self, scene: Scene, placements: Sequence[Placement], half: Relief, region: Labels
     ) -> NDArray[np.int32]:
         """The region of each point (N,) that most placements find on a building's plane below a crown."""
         times, number = np.zeros(len(scene.cloud), np.int32), np.zeros(len(scene.cloud), np.int32)
@@ -298,7 +298,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         return np.where(2 * times > len(placements), number, 0).astype(np.int32)
 
     def regions_of(
-        self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
+        self, scene: Scene, xyz: Points, evidence: Relief, region: Labels, hidden: Labels, odds: Values
     ) -> Regions:
         """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)

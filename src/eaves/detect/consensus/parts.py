@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.evidence import Relief
 from eaves.detect.consensus.placements import HALVES
 from eaves.detect.stage import MOST, ROOM_M
 from eaves.methods import Method, parameter
@@ -18,7 +18,7 @@ from eaves.raster.squares import shrunk_by_square
 def part_of_points(
     xyz: Points,
     number: Labels,
-    evidence: Evidence,
+    evidence: Relief,
     region: Labels,
     max_residual: float,
     below_plane: float,
