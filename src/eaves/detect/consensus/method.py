@@ -67,15 +67,16 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     How much echoes and penetration count is measured in the scan itself, by how far they lie apart on its
     own roofs and crowns: a scan that does not split pulses is judged by shape, and nothing jumps in
     between. No crown is large and even: there echoes do not speak against a roof of glass or slats. A
-    hole in the data with a level, raised rim is a roof of glass or water. A graph cut then finds the
-    labelling of least energy, in which neighbours whose surfaces continue each other want the same label
-    and a jump in height lets them part.
+    hole in the data with a level, raised rim is a roof of glass or water. All this is measured with four
+    placements of the cells, half a cell apart, for where a cell begins is chance; on half cells, with the
+    mean of the odds, a graph cut then finds the labelling of least energy, in which neighbours whose surfaces
+    continue each other want the same label and a jump in height lets them part.
     Connected cells with a core of roof surfaces are buildings, unless most of their rim goes on in the
     terrain; their planes are carried on below crowns; narrow long ones with a level top are vehicles.
 
     Formula
     -------
-    Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
+    Energy: Σ_halfcells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
     where d is how far the highest points miss each other's surface. Log likelihood ratio of a share v of
     several returns: trust · (μ_roof - μ_crown) / σ² · (v - (μ_roof + μ_crown) / 2), the means and σ over the
     cells of the scene, found with the odds by expectation maximisation; likewise penetration.
@@ -100,7 +101,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     Complexity
     ----------
-    Linear in points and cells but for the cut, which runs over the undecided cells only.
+    Linear in points and cells, four times, but for the cut, which runs over the undecided half cells only.
 
     References
     ----------
@@ -115,7 +116,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     cell: float | None = parameter(
         None,
-        "Side of a cell; default: 1.4 spacings up to 1, beyond it one spacing, at least 0.5.",
+        "Side of a cell, whose halves are decided on; default: 1.4 spacings up to 1, beyond it one spacing, "
+        "at least 0.5.",
         unit="m",
         gt=0.0,
     )
