@@ -27,7 +27,6 @@ from benchmarks.accuracy.drawn_blocks import (
 )
 from benchmarks.accuracy.units import footprints_in, map_row
 from benchmarks.table import as_markdown, keep
-from eaves.blocks.block import not_last
 from eaves.detect import detect_buildings
 from eaves.formats import read
 from eaves.ground import classify_ground
@@ -86,7 +85,7 @@ def blocks_of(cloud: PointCloud) -> list[Detected]:
     scene = make_scene(classify_ground(cloud), Bounds.of(cloud.xyz).buffered(3.0))
     regions = detect_buildings(scene)
     roof = np.ones(len(cloud), np.bool_) if regions.part is None else regions.part != WALL
-    twice = not_last(cloud)
+    twice = cloud.return_number < cloud.number_of_returns if cloud.has_returns else np.zeros(len(cloud), bool)
     groups, traced = [], []
     for number in range(1, int(regions.label.max(initial=0)) + 1):
         mine = (regions.label == number) & roof
@@ -193,7 +192,7 @@ def walls_in_row(units: RowUnits, tree: STRtree) -> Sure:
     row, told = units.row, []
     true, _ = true_walls(row, tree)
     near = np.convolve(true, np.ones(2 * CLOSE + 1), "same") > 0
-    for wall, sure in zip(units.walls.tolist(), units.merging.tolist(), strict=True):
+    for wall, sure in zip(units.walls.tolist(), units.certainty.tolist(), strict=True):
         middle = 0.5 * (row.first[wall - 1] + row.last[wall - 1])
         beside = row.place(CELL_M * np.array([wall - 4.0, wall + 4.0]), np.array([middle, middle]))
         if owners_of(np.column_stack(beside), tree).min() >= 0:

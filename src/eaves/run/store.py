@@ -29,7 +29,7 @@ log = logging.getLogger("eaves")
 
 REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for."""
-FORM = 4
+FORM = 5
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.ground.toolkit.outliers import without_pits
 from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
@@ -20,8 +21,7 @@ with their blocks before a method is asked, and squares of the world are whole m
 COARSEST_M = 6.0
 """Side of the widest cells: they are doubled twice."""
 
-
-STRAY_DEPTH_M, STRAY_POINTS, ENOUGH_POINTS = 1.0, 4, 2.5
+PIT_DEPTH_M, ENOUGH_POINTS = 1.0, 2.5
 """See `Floor.heights` and `Floor.in_wide_cells`."""
 
 
@@ -58,7 +58,7 @@ class WorldGrids:
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """The lowest and the second lowest height of each cell (H, W), NaN where there is none, and its points.
+    """The lowest height of each cell (H, W), NaN where there is none, and how many points it has.
 
     `west` is the number of the first column and `north` that of the first row, in cells of `cell` (m) counted
     east and north from the origin of the world; row 0 is the northernmost.
@@ -68,7 +68,6 @@ class Floor:
     north: int
     cell: float
     lowest: Grid
-    second: Grid
     count: NDArray[np.int32]
 
     @property
@@ -86,12 +85,10 @@ class Floor:
         )
 
     def heights(self) -> Grid:
-        """The height (H, W) of each cell: its lowest, or the second where the lowest of at least
-        `STRAY_POINTS` lies more than `STRAY_DEPTH_M` under it: an echo from below the ground.
+        """The height (H, W) of each cell: its lowest, or where that lies in a pit deeper than `PIT_DEPTH_M`,
+        as echoes from below the ground and wells do, that of the surface around.
         """
-        with np.errstate(invalid="ignore"):
-            stray = (self.count >= STRAY_POINTS) & (self.second - self.lowest > STRAY_DEPTH_M)
-        return np.where(stray, self.second, self.lowest).astype(np.float32)
+        return without_pits(self.lowest, PIT_DEPTH_M)
 
     @classmethod
     def empty(cls, bounds: Bounds) -> Floor:
@@ -101,8 +98,7 @@ class Floor:
             for value in (bounds.west, bounds.south, bounds.east, bounds.north)
         )
         shape = north - south + 1, east - west + 1
-        nothing = np.full(shape, np.nan, np.float32)
-        return cls(west, north, FINEST_M, nothing, nothing.copy(), np.zeros(shape, np.int32))
+        return cls(west, north, FINEST_M, np.full(shape, np.nan, np.float32), np.zeros(shape, np.int32))
 
     @classmethod
     def of(cls, cloud: PointCloud) -> Floor:
@@ -116,9 +112,7 @@ class Floor:
         """Lower the cells to points (N, 3) that are whole quanta about `corner` (quanta) once multiplied by
         `scale`; those outside are left out. Only for who made the floor.
         """
-        add_kernel(
-            xyz, scale, corner[0], corner[1], self.west, self.north, self.lowest, self.second, self.count
-        )
+        add_kernel(xyz, scale, corner[0], corner[1], self.west, self.north, self.lowest, self.count)
 
     def merge(self, other: Floor) -> None:
         """Take in what another floor of the same cells knows of the ground they share."""
@@ -130,18 +124,8 @@ class Floor:
             return
         theirs = np.s_[r0 - above : r1 - above, c0 - left : c1 - left]
         mine = np.s_[r0:r1, c0:c1]
-        if not self.count[mine].any():  # blocks are whole cells, so they share none
-            self.lowest[mine], self.second[mine] = other.lowest[theirs], other.second[theirs]
-            self.count[mine] = other.count[theirs]
-            return
-        merge_kernel(
-            self.lowest[mine],
-            self.second[mine],
-            self.count[mine],
-            other.lowest[theirs],
-            other.second[theirs],
-            other.count[theirs],
-        )
+        self.lowest[mine] = np.fmin(self.lowest[mine], other.lowest[theirs])
+        self.count[mine] += other.count[theirs]
 
     def doubled(self) -> Floor:
         """The same in cells twice as wide."""
@@ -149,23 +133,16 @@ class Floor:
         rows, columns = self.shape
         bottom, right = (rows + top) % 2, (columns + left) % 2
         pad = ((top, bottom), (left, right))
-        lowest = np.pad(self.lowest, pad, constant_values=np.nan)
-        second = np.pad(self.second, pad, constant_values=np.nan)
-        count = np.pad(self.count, pad)
-        shape = lowest.shape[0] // 2, lowest.shape[1] // 2
-        wide = Floor(
+        shape = (rows + top + bottom) // 2, 2, (columns + left + right) // 2, 2
+        lowest = np.pad(self.lowest, pad, constant_values=np.nan).reshape(shape)
+        count = np.pad(self.count, pad).reshape(shape)
+        return Floor(
             self.west // 2,
             self.north // 2,
             2.0 * self.cell,
-            np.full(shape, np.nan, np.float32),
-            np.full(shape, np.nan, np.float32),
-            np.zeros(shape, np.int32),
+            np.fmin.reduce(lowest, axis=(1, 3)),
+            count.sum(axis=(1, 3), dtype=np.int32),
         )
-        for row in (0, 1):
-            for column in (0, 1):
-                part = np.s_[row::2, column::2]
-                merge_kernel(wide.lowest, wide.second, wide.count, lowest[part], second[part], count[part])
-        return wide
 
     def in_wide_cells(self) -> Floor:
         """The same in cells so wide that half of those that hold points hold more than `ENOUGH_POINTS`."""
@@ -204,7 +181,6 @@ def add_kernel(
     west: int,
     north: int,
     lowest: Grid,
-    second: Grid,
     count: NDArray[np.int32],
 ) -> None:
     """Lower the cells (H, W) to the points (N, 3)."""
@@ -217,31 +193,4 @@ def add_kernel(
         z = np.float32(np.rint(xyz[i, 2] * scale) * GRID_STEP)
         count[row, column] += 1
         if not (lowest[row, column] <= z):
-            second[row, column] = lowest[row, column]
             lowest[row, column] = z
-        elif not (second[row, column] <= z):
-            second[row, column] = z
-
-
-@kernel
-def merge_kernel(
-    lowest: Grid,
-    second: Grid,
-    count: NDArray[np.int32],
-    other_lowest: Grid,
-    other_second: Grid,
-    other_count: NDArray[np.int32],
-) -> None:
-    """Lower the cells (H, W) to those of another floor."""
-    rows, columns = lowest.shape
-    for row in range(rows):
-        for column in range(columns):
-            count[row, column] += other_count[row, column]
-            for z in (other_lowest[row, column], other_second[row, column]):
-                if np.isnan(z):
-                    continue
-                if not (lowest[row, column] <= z):
-                    second[row, column] = lowest[row, column]
-                    lowest[row, column] = z
-                elif not (second[row, column] <= z):
-                    second[row, column] = z

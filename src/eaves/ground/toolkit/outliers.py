@@ -1,4 +1,4 @@
-"""Gross outliers: points far below or above everything near them (multipath, birds, clouds).
+"""Gross outliers: late echoes under the ground (multipath), and points far above all (birds, clouds).
 
 The stage finds them before any filter is asked, whichever that is, so what is one is defined here and is no
 parameter of a method.
@@ -6,157 +6,314 @@ parameter of a method.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.neighbours import TABLE_CELLS, measure_spacing
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import Bounds, Grid, Integers, Mask, PointCloud, Points, Values
 
+SIDE_M, SIDE_SPACINGS = 1.0, 3.0
+"""Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
+cell's nine points is ground. Echoes that come late together lie within a metre of each other."""
+RING, RING_SHARE = (3, 4), 6
+"""A cell is compared with those 3 and 4 cells away, for a cluster of echoes meets three in a row. The
+surface is as low as a sixth of them: roofs and crowns may fill the rest, other echoes not so much."""
+DEPTH_M, REACH_SPACINGS = 0.3, 2.0
+"""Echoes lie deeper under the surface than 0.3 m, with which the filters bear, and in wider cells than that
+times the square of their width: so far curved terrain leaves a plane. Points within two spacings in plan, a
+dozen, cover those under them."""
+LONELY = 3
+"""With fewer points within as much, where a dozen are usual, a point is no ground that the scan saw: echoes
+come late where it saw nothing, too, and past its rim."""
 CELL_M = 10.0
-"""Side of the cells that are compared: 10 m, or ten spacings (about a hundred points) in thin data. A high
-group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
-GROUP = 32
-"""Most points of a cell that are looked at from either end."""
-SHALLOW_GAP_M, SHALLOW_SHARE = 1.0, 0.25
-"""A gap of 1 m parts at most half a group and a quarter of the cell from the rest: stray echoes."""
-DEEP_GAP_M, DEEP_SHARE = 5.0, 0.4
-"""A gap of 5 m parts at most four tenths of the cell from the rest: a mirror image of the ground."""
+"""Side of the cells whose highest points are compared: 10 m, or ten spacings (about a hundred points) in thin
+data. A high group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
+GROUP, GROUP_SHARE = 16, 0.25
+"""Most points of a high group, and its largest share of the cell."""
+
+
+class Cells(NamedTuple):
+    """Points in square cells (rows, columns) of a `side` (m), the first with its south-west `corner` (2,).
+
+    `order` (N,) numbers the points cell by cell, row by row; those of a cell begin at its `first`.
+    """
+
+    corner: Values
+    side: float
+    rows: int
+    columns: int
+    first: Integers
+    order: NDArray[np.int32]
 
 
 def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     """Masks (N,) of low and of high outliers.
 
-    The plane is cut into cells, and once more into cells shifted by half a side, so that a group is whole in
-    one of them. A group is the lowest (highest) points of a cell that a gap parts from the rest. A small low
-    group is an outlier when it lies a gap under the ground that the eight neighbours predict: their second
-    lowest level, less the rise from there to their median (a slope repeats itself once more). A deep low
-    group, which may spread over several cells, must lie a gap under all but six of the 24 cells around. A
-    high group is an outlier when no neighbour has a point near its height. Cost: four passes over the
-    points, 0.1 s per million.
+    Two things make a low outlier. It lies under the surface that the lowest points around make:
+    where ground goes on at its level, as it does under crowns, along ditches and in corners of courts, it
+    is none. And that surface, or what stands on it, goes on above it: most points as low, within a cell
+    of it, have higher ones on all sides within two spacings in plan. A well, a ramp or a cellar has
+    nothing above but at its walls, a slope nothing downhill. Where there is hardly another point, that
+    counts as much. Once those found are gone others show, so it is done until there is none: the deepest
+    are found first; and once more in cells three times as wide, for sheets of echoes.
+
+    High: the plane is cut into wide cells, and once more into cells shifted by half a side, so that a group
+    is whole in one of them. The highest points of a cell that a gap parts from the rest are outliers when no
+    neighbour has a point near their height. Cost: O(N), 0.2 s per million points.
     """
     xyz = cloud.xyz
     low, high = np.zeros(len(xyz), bool), np.zeros(len(xyz), bool)
-    if len(xyz) < GROUP // 2:
+    if len(xyz) < GROUP:
         return low, high
-    side, bounds = CELL_M * max(1.0, measure_spacing(xyz)), Bounds.of(xyz)
+    spacing, bounds = measure_spacing(xyz), Bounds.of(xyz)
+    reach = REACH_SPACINGS * spacing
+    wide = max(1.0, SIDE_SPACINGS * spacing / SIDE_M)
+    for times in (1, 3):
+        side = times * SIDE_M * wide
+        while (bounds.width / side + 2.0) * (bounds.height / side + 2.0) > TABLE_CELLS * len(xyz):
+            side *= 2.0  # points far apart are rare
+        place = cells_of(bounds, side, 0.0)
+        cells = Cells(*place, *order_kernel(xyz, *place))
+        mark_low_kernel(xyz, cells, ring_of(*RING), DEPTH_M * wide**2, reach, low)
     for shift in (0.0, 0.5):
-        # cells are fixed to the origin, not to the data
-        west, south = (
-            np.floor(bounds.west / side + shift) - shift,
-            np.floor(bounds.south / side + shift) - shift,
-        )
-        columns, rows = int(bounds.east / side - west) + 1, int(bounds.north / side - south) + 1
-        corner = np.array([west, south]) * side
-        below, above = extremes_kernel(xyz, corner, side, rows, columns)
-        mark_kernel(xyz, corner, side, *limits_kernel(below, above), low, high)
+        place = cells_of(bounds, CELL_M * max(1.0, spacing), shift)
+        mark_high_kernel(xyz, *place[:2], ceiling_kernel(highest_kernel(xyz, *place)), high)
     return low, high & ~low
 
 
-@kernel
-def extremes_kernel(
-    xyz: Points, corner: NDArray[np.float64], side: float, rows: int, columns: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The `GROUP` lowest z and lowest -z of each cell, sorted, and its count: (rows, columns, GROUP + 1)."""
-    below = np.full((rows, columns, GROUP + 1), np.inf)
-    above = np.full((rows, columns, GROUP + 1), np.inf)
-    count = np.zeros((rows, columns))
-    # the last of each group, side by side: most points are beyond it, and nothing else is looked at
-    least, most = np.full((rows, columns), np.inf), np.full((rows, columns), np.inf)
-    for i in range(len(xyz)):
-        z = xyz[i, 2]
-        row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
-        count[row, column] += 1
-        if z < least[row, column]:
-            least[row, column] = keep_lowest(below[row, column], z)
-        if -z < most[row, column]:
-            most[row, column] = keep_lowest(above[row, column], -z)
-    below[:, :, GROUP], above[:, :, GROUP] = count, count
-    return below, above
+def cells_of(bounds: Bounds, side: float, shift: float) -> tuple[Values, float, int, int]:
+    """The first fields of the `Cells` that hold `bounds`, fixed to the origin, not to the data, but for a
+    `shift` in cells.
+    """
+    west, south = (np.floor(low / side + shift) - shift for low in (bounds.west, bounds.south))
+    rows, columns = int(bounds.north / side - south) + 1, int(bounds.east / side - west) + 1
+    return np.array([west, south]) * side, side, rows, columns
+
+
+def ring_of(least: int, most: int) -> Integers:
+    """Rows and columns (K, 2) of the cells that lie `least` to `most` cells away."""
+    row, column = np.indices((2 * most + 1, 2 * most + 1)).reshape(2, -1) - most
+    away = np.hypot(row, column)
+    return np.column_stack([row, column])[(away >= least) & (away < most + 0.5)]
 
 
 @inlined_kernel
-def keep_lowest(best: NDArray[np.float64], value: float) -> Any:
-    """Sort a value into the first `GROUP` of a cell, which it is low enough for; the highest of them then."""
-    k = GROUP - 1
-    while k > 0 and best[k - 1] > value:
-        best[k] = best[k - 1]
-        k -= 1
-    best[k] = value
-    return best[GROUP - 1]
+def place_of(xyz: Points, i: int, corner: Values, side: float) -> Any:
+    """Row and column of the cell that a point lies in."""
+    return int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
 
 
 @kernel
-def group_below(sorted_z: NDArray[np.float64], most: int, gap: float, level: float) -> int:
-    """Points in the largest group of at most `most` that has a gap above it and lies under `level`."""
-    for size in range(min(most, GROUP - 1), 0, -1):
-        if sorted_z[size] - sorted_z[size - 1] >= gap and sorted_z[size - 1] <= level:
-            return size
-    return 0
+def order_kernel(
+    xyz: Points, corner: Values, side: float, rows: int, columns: int
+) -> tuple[Integers, NDArray[np.int32]]:
+    """The last fields of `Cells`: where each cell begins (rows · columns + 1), and the points by cell."""
+    first, order = np.zeros(rows * columns + 2, np.int64), np.empty(len(xyz), np.int32)
+    for i in range(len(xyz)):
+        row, column = place_of(xyz, i, corner, side)
+        first[row * columns + column + 2] += 1
+    for cell in range(rows * columns):
+        first[cell + 2] += first[cell + 1]
+    for i in range(len(xyz)):  # once a cell is full, its begin has moved to that of the next
+        row, column = place_of(xyz, i, corner, side)
+        order[first[row * columns + column + 1]] = i
+        first[row * columns + column + 1] += 1
+    return first[:-1], order
 
 
 @kernel
-def limits_kernel(
-    below: NDArray[np.float64], above: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Height of each cell (rows, columns) at and under which points are low, and at and over which high."""
-    rows, columns = below.shape[0], below.shape[1]
-    floor = np.full((rows, columns), -np.inf)
+def mark_low_kernel(xyz: Points, cells: Cells, ring: Integers, depth: float, reach: float, low: Mask) -> None:
+    """Mark in `low` (N,) the low outliers, which lie deeper than `depth` (m) under what is within `reach`
+    (m), round by round; a round judges all cells on the same surface.
+    """
+    rows, columns, away = cells.rows, cells.columns, 2 * ring.max()
+    lowest, limit = np.empty((rows, columns)), np.full((rows, columns), -np.inf)
+    changed = np.ones((rows, columns), np.bool_)
+    while changed.any():
+        look = np.zeros((rows, columns), np.bool_)
+        for row in range(rows):
+            for column in range(columns):
+                if not changed[row, column]:
+                    continue
+                lowest[row, column] = np.inf
+                for k in range(cells.first[row * columns + column], cells.first[row * columns + column + 1]):
+                    i = cells.order[k]
+                    if xyz[i, 2] < limit[row, column]:
+                        low[i] = True
+                    if not low[i]:
+                        lowest[row, column] = min(lowest[row, column], xyz[i, 2])
+                top, left = max(0, row - away), max(0, column - away)
+                look[top : row + away + 1, left : column + away + 1] = True
+        changed[:] = False
+        for row in range(rows):
+            for column in range(columns):
+                z = lowest[row, column]
+                if not look[row, column] or z == np.inf:
+                    continue
+                level = level_around(lowest, row, column, ring, depth)
+                limit[row, column] = 0.5 * (level + z)
+                changed[row, column] = level > -np.inf and are_covered(
+                    xyz, cells, row, column, limit[row, column], reach, low
+                )
+
+
+@kernel
+def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: float) -> float:
+    """The level that the surface around a cell (rows, columns) has there; -inf where that is no more than
+    `depth` (m) over its lowest point, or unknown.
+
+    A slope goes on: a cell of the ring counts as high as the surface is halfway to the cell across, but no
+    higher than where what falls from it to the cell twice as far leads back to. A plane is met as it is.
+    """
+    around, count, as_low, least = np.empty(len(ring)), 0, 0, lowest[row, column] + depth
+    for k in range(len(ring)):
+        z = height_at(lowest, row + ring[k, 0], column + ring[k, 1])
+        if z == np.inf:
+            continue
+        beyond = height_at(lowest, row + 2 * ring[k, 0], column + 2 * ring[k, 1])
+        across = height_at(lowest, row - ring[k, 0], column - ring[k, 1])
+        z += max(0.0, min(z - beyond, 0.5 * (across - z)))
+        around[count] = z
+        count += 1
+        as_low += z <= least
+        if as_low > len(ring) // RING_SHARE:
+            return -np.inf
+    if count == 0:
+        return -np.inf
+    level = float(np.sort(around[:count])[count // RING_SHARE])
+    return level if level > least else -np.inf
+
+
+def without_pits(heights: Grid, depth: float) -> Grid:
+    """A surface (H, W), NaN where there is none, raised to what is around where it lies deeper than `depth`
+    (m) in a pit narrower than the ring: no more than what is wide needs to know."""
+    return np.asarray(fill_kernel(np.nan_to_num(heights, nan=np.inf), ring_of(*RING), depth), np.float32)
+
+
+@kernel
+def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
+    """The surface (rows, columns), inf where there is none, without pits, and NaN for inf. A round judges the
+    cells near those that changed, all on the same surface.
+    """
+    filled, look, away = lowest.astype(np.float64), np.ones(lowest.shape, np.bool_), 2 * ring.max()
+    while look.any():
+        row, column = np.nonzero(look)
+        level = [level_around(filled, row[k], column[k], ring, depth) for k in range(len(row))]
+        look[:] = False
+        for k in range(len(row)):
+            if level[k] > -np.inf:
+                filled[row[k], column[k]] = level[k]
+                top, left = max(0, row[k] - away), max(0, column[k] - away)
+                look[top : row[k] + away + 1, left : column[k] + away + 1] = True
+    return np.where(filled == np.inf, np.nan, filled)
+
+
+@inlined_kernel
+def height_at(lowest: Values, row: int, column: int) -> Any:
+    """The height of a cell (rows, columns), inf where there is none."""
+    if row < 0 or column < 0 or row >= lowest.shape[0] or column >= lowest.shape[1]:
+        return np.inf
+    return lowest[row, column]
+
+
+@kernel
+def are_covered(
+    xyz: Points, cells: Cells, row: int, column: int, middle: float, reach: float, low: Mask
+) -> bool:
+    """Whether most points under `middle` (m), within a cell of one, are covered from there on."""
+    balance = 0
+    for r in range(max(0, row - 1), min(cells.rows, row + 2)):
+        first = r * cells.columns + max(0, column - 1)
+        last = r * cells.columns + min(cells.columns, column + 2)
+        for k in range(cells.first[first], cells.first[last]):
+            i = cells.order[k]
+            if not low[i] and xyz[i, 2] < middle:
+                balance += 1 if is_covered(xyz, cells, i, middle, reach) else -1
+    return balance > 0
+
+
+@kernel
+def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -> bool:
+    """Whether points over `middle` (m) lie all around a point within `reach` (m) in plan, not to one side; or
+    hardly any point lies there.
+    """
+    x, y, west, south = xyz[i, 0], xyz[i, 1], cells.corner[0], cells.corner[1]
+    left = max(0, int((x - reach - west) / cells.side))
+    right = min(cells.columns - 1, int((x + reach - west) / cells.side))
+    bottom = max(0, int((y - reach - south) / cells.side))
+    top = min(cells.rows - 1, int((y + reach - south) / cells.side))
+    ax, ay, bx, by, seen, near = 0.0, 0.0, 0.0, 0.0, False, 0  # they are seen from a, counter-clockwise to b
+    for r in range(bottom, top + 1):
+        cell = r * cells.columns
+        for k in range(cells.first[cell + left], cells.first[cell + right + 1]):
+            j = cells.order[k]
+            u, v = xyz[j, 0] - x, xyz[j, 1] - y
+            if not 0.0 < u * u + v * v <= reach * reach:
+                continue
+            near += 1
+            if xyz[j, 2] <= middle:
+                continue
+            after_a, after_b = ax * v - ay * u, bx * v - by * u
+            if not seen:
+                ax, ay, bx, by, seen = u, v, u, v, True
+            elif after_a < 0.0 < after_b:
+                return True
+            elif after_a < 0.0:
+                ax, ay = u, v
+            elif after_b > 0.0 or (after_a == after_b == 0.0 and ax * u + ay * v < 0.0):
+                bx, by = u, v
+    return near < LONELY
+
+
+@kernel
+def highest_kernel(xyz: Points, corner: Values, side: float, rows: int, columns: int) -> Values:
+    """The highest `GROUP` + 1 heights of each cell, sorted, and its count: (rows, columns, GROUP + 2)."""
+    above = np.full((rows, columns, GROUP + 2), -np.inf)
+    above[:, :, GROUP + 1] = 0.0
+    least = np.full((rows, columns), -np.inf)  # of each group, side by side: most points are under it
+    for i in range(len(xyz)):
+        row, column = place_of(xyz, i, corner, side)
+        z, best = xyz[i, 2], above[row, column]
+        best[GROUP + 1] += 1
+        if z > least[row, column]:
+            k = GROUP
+            while k > 0 and best[k - 1] < z:
+                best[k] = best[k - 1]
+                k -= 1
+            best[k] = z
+            least[row, column] = best[GROUP]
+    return above
+
+
+@kernel
+def ceiling_kernel(above: Values) -> Values:
+    """Height of each cell (rows, columns) at and over which points are high."""
+    rows, columns = above.shape[0], above.shape[1]
     ceiling = np.full((rows, columns), np.inf)
-    near, wide = np.empty(8), np.empty(24)
     for row in range(rows):
         for column in range(columns):
-            count = below[row, column, GROUP]
-            if count == 0:
-                continue
-            close, far, top = 0, 0, -np.inf
-            for r in range(max(0, row - 2), min(rows, row + 3)):
-                for c in range(max(0, column - 2), min(columns, column + 3)):
-                    if (r == row and c == column) or below[r, c, GROUP] == 0:
-                        continue
-                    wide[far] = below[r, c, 0]
-                    far += 1
-                    if abs(r - row) <= 1 and abs(c - column) <= 1:
-                        near[close] = below[r, c, 0]
-                        close += 1
-                        top = max(top, -above[r, c, 0])
-            if close < 3:
-                continue
-            around = np.sort(near[:close])
-            level = 2 * around[1] - around[close // 2] - SHALLOW_GAP_M
-            most = min(GROUP // 2, int(SHALLOW_SHARE * count))
-            size = group_below(below[row, column], most, SHALLOW_GAP_M, level)
-            level = np.sort(wide[:far])[far // 4] - DEEP_GAP_M
-            most = int(DEEP_SHARE * count)
-            size = max(size, group_below(below[row, column], most, DEEP_GAP_M, level))
-            if size > 0:
-                floor[row, column] = below[row, column, size - 1]
-            most = min(GROUP // 2, int(SHALLOW_SHARE * count))
-            size = group_below(above[row, column], most, CELL_M, -top - CELL_M)
-            if size > 0:
-                ceiling[row, column] = -above[row, column, size - 1]
-    return floor, ceiling
+            near, top = 0, -np.inf
+            for r in range(max(0, row - 1), min(rows, row + 2)):
+                for c in range(max(0, column - 1), min(columns, column + 2)):
+                    if (r != row or c != column) and above[r, c, GROUP + 1] > 0:
+                        near, top = near + 1, max(top, above[r, c, 0])
+            best = above[row, column]
+            for size in range(min(GROUP, int(GROUP_SHARE * best[GROUP + 1])), 0, -1):
+                least = best[size - 1]
+                if near >= 3 and least - best[size] >= CELL_M and least >= top + CELL_M:
+                    ceiling[row, column] = least
+                    break
+    return ceiling
 
 
 @kernel
-def mark_kernel(
-    xyz: Points,
-    corner: NDArray[np.float64],
-    side: float,
-    floor: NDArray[np.float64],
-    ceiling: NDArray[np.float64],
-    low: Mask,
-    high: Mask,
-) -> None:
-    """Mark in `low` and `high` (N,) the points at or beyond the limits (rows, columns) of their cells."""
-    lowest, highest = floor.max(), ceiling.min()
+def mark_high_kernel(xyz: Points, corner: Values, side: float, ceiling: Values, high: Mask) -> None:
+    """Mark in `high` (N,) the points at or over the ceilings (rows, columns) of their cells."""
+    lowest = ceiling.min()
     for i in range(len(xyz)):
-        if lowest < xyz[i, 2] < highest:
-            continue
-        row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
-        if xyz[i, 2] <= floor[row, column]:
-            low[i] = True
-        if xyz[i, 2] >= ceiling[row, column]:
-            high[i] = True
+        if xyz[i, 2] >= lowest:
+            row, column = place_of(xyz, i, corner, side)
+            high[i] |= xyz[i, 2] >= ceiling[row, column]

@@ -1,4 +1,4 @@
-"""Where the walls of one row are: the best division of a chain of steps, and how sure each wall is."""
+"""Where the walls of one row are: all divisions of a chain of steps, and the share of them with each wall."""
 
 from __future__ import annotations
 
@@ -12,80 +12,56 @@ NEAR = 2
 """Divisions with a wall within so many steps agree on it."""
 
 LEAST = float(np.finfo(np.float64).tiny)
-"""The impossible is this likely, so that its logarithm is finite."""
+"""Where no division is possible, their sum is this, so that shares are finite."""
 
 
-def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Values]:
-    """The steps (W,) at which the best division has its walls, and the probability of a wall near each (W,).
+def chances_of(odds: Values, width_odds: Values, prior: Values) -> Values:
+    """The share (S + 1,) of all divisions that have a wall at each step, each as likely as its product.
 
-    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds` (S + 1,).
-    The division with the greatest product is found by dynamic programming, the probabilities by the
-    forward-backward sums over all divisions [rabiner1989].
+    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds`
+    (U, S + 1), of which one row holds for all units, each row as likely as its `prior` (U,): forward-backward
+    sums over all divisions [rabiner1989].
     """
-    before = best_kernel(odds, width_odds)
-    walls = []
-    step = int(before[-1])
-    while step > 0:
-        walls.append(step)
-        step = int(before[step])
-    found = np.array(walls[::-1], np.int64)
-    if len(found) == 0:
-        return found, np.zeros(0)
-    forward = forward_kernel(odds, width_odds)
-    chance = forward * backward_kernel(odds, width_odds) / forward[-1]
+    forward, backward = sums_kernel(odds, width_odds)
+    chance = prior @ (forward * backward) / max(float(prior @ forward[:, -1]), LEAST)
     chance[[0, -1]] = 0.0
-    sums = np.concatenate([[0.0], np.cumsum(chance)])
-    low, high = np.maximum(found - NEAR, 0), np.minimum(found + NEAR + 1, len(chance))
-    return found, np.minimum(sums[high] - sums[low], 1.0)
+    return np.asarray(chance)
 
 
-def total_of(odds: Values, width_odds: Values) -> float:
-    """Logarithm of the sum over all divisions of their products."""
-    return float(np.log(max(forward_kernel(odds, width_odds)[-1], LEAST)))
+def likely_walls(chance: Values, least: float) -> tuple[NDArray[np.int64], Values]:
+    """The steps (W,) near which divisions agree on a wall, and the share of them (W,), at least `least`.
 
-
-@kernel
-def forward_kernel(odds: Values, width_odds: Values) -> Values:
-    """For each step the sum over all divisions up to it that have a wall there; the first and the last
-    step are walls of odds 1.
+    A wall stands at the mean of the places that divisions give it.
     """
-    count = len(odds)
-    total = np.zeros(count)
-    total[0] = 1.0
-    for end in range(1, count):
-        own = 0.0
-        for start in range(end):
-            own += total[start] * width_odds[end - start]
-        total[end] = own * odds[end] if end < count - 1 else own
-    return total
+    left, found = chance.copy(), []
+    steps = np.arange(len(chance))
+    while len(left) > 2 * NEAR:
+        near = np.convolve(left, np.ones(2 * NEAR + 1), "same")
+        middle = int(np.argmax(near))
+        if near[middle] < least:
+            break
+        own = np.abs(steps - middle) <= NEAR
+        found.append((round(float(steps[own] @ left[own] / near[middle])), min(float(near[middle]), 1.0)))
+        left[np.abs(steps - middle) <= 2 * NEAR] = 0.0
+    found.sort()
+    return np.array([wall for wall, _ in found], np.int64), np.array([sure for _, sure in found])
 
 
 @kernel
-def backward_kernel(odds: Values, width_odds: Values) -> Values:
-    """For each step the sum over all divisions after it, its own odds left out."""
-    count = len(odds)
-    total = np.zeros(count)
-    total[count - 1] = 1.0
-    for start in range(count - 2, -1, -1):
-        for end in range(start + 1, count):
-            own = odds[end] if end < count - 1 else 1.0
-            total[start] += width_odds[end - start] * own * total[end]
-    return total
-
-
-@kernel
-def best_kernel(odds: Values, width_odds: Values) -> NDArray[np.int64]:
-    """For each step the wall before it in the best division that has a wall there."""
-    count = len(odds)
-    best = np.full(count, -np.inf)
-    before = np.zeros(count, np.int64)
-    best[0] = 0.0
-    for end in range(1, count):
-        for start in range(end):
-            unit = width_odds[end - start]
-            score = best[start] + np.log(max(unit, LEAST))
-            if score > best[end]:
-                best[end], before[end] = score, start
-        if end < count - 1:
-            best[end] += np.log(odds[end])
-    return before
+def sums_kernel(odds: Values, width_odds: Values) -> tuple[Values, Values]:
+    """For each row of widths (U, S + 1) and each step the sum over all divisions up to it with a wall there,
+    and that over all after it, its own odds left out; the first and the last step are walls of odds 1.
+    """
+    rows, count = width_odds.shape
+    forward, backward = np.zeros((rows, count)), np.zeros((rows, count))
+    forward[:, 0] = backward[:, count - 1] = 1.0
+    for row in range(rows):
+        for end in range(1, count):
+            for start in range(end):
+                forward[row, end] += forward[row, start] * width_odds[row, end - start]
+            forward[row, end] *= odds[end] if end < count - 1 else 1.0
+        for start in range(count - 2, -1, -1):
+            for end in range(start + 1, count):
+                own = odds[end] if end < count - 1 else 1.0
+                backward[row, start] += width_odds[row, end - start] * own * backward[row, end]
+    return forward, backward

@@ -75,7 +75,7 @@ def wall_lines(
             ends[0] -= carried_on(plan, label, ends[0], -row.across, farthest) * row.across
             ends[1] += carried_on(plan, label, ends[1], row.across, farthest) * row.across
             lines.append(LineString(ends))
-        lines.append(row.rim())
+        lines.append(row.frame())
     return lines
 
 

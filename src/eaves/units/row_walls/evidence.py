@@ -1,4 +1,9 @@
-"""The signs of a party wall along a line across a row, in the points on both sides of it."""
+"""The signs of a party wall along a line across a row, in the points on both sides of it.
+
+Every sign is a continuous function of the points: they count for the nodes around them by their nearness, and
+what they show passes from one side of a limit to the other. So neither where a row begins nor a millimetre
+decides.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,11 @@ from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
 from eaves.geometry.planes import CALM_QUANTILE, measure_noise
 from eaves.kernels import kernel
-from eaves.model import Mask, Points
+from eaves.model import Points
 from eaves.units.row_walls.rows import CELL_M, HouseRow
 
-DEPTH_STEP_M = 1.0
-"""Points are compared across a wall at each metre of its length."""
+DEPTH_STEP_M = 0.5
+"""Points are compared across a wall at each half metre of its length, in lines that overlap by as much."""
 
 WINDOW_M = 2.0
 """Width of the ground on either side that is compared: half of a narrow house."""
@@ -22,13 +27,13 @@ FEWEST = 3
 """Fewer points on one side of a metre say nothing of it."""
 
 WIDE = 3
-"""Steps left out beside a wall where the points next to it lie on no plane: gutters, shadows."""
+"""Steps left out beside a wall where the points next to it lie on no plane: gutters, shadows; else one."""
 
 CROSSING_M = 0.6
 """Planes that cross this near (m) to a place meet there in a fold and make no step."""
 
-LEAST_SPREAD = 0.015
-"""Points whose variance along a direction (m²) is less show no slope along it."""
+LEAST_SPREAD = 0.003
+"""Variance (m²) of points along a direction, added to theirs: if they have no more they show no slope."""
 
 PATCH_M = 1.5
 """Side of the squares in which the noise of the roofs is measured: most of them lie on one plane."""
@@ -52,7 +57,8 @@ def roof_noise(points: Points) -> float:
         return USUAL_NOISE_M
     local = points - np.floor(points.min(axis=0))
     _, normal, rmse = fit_planes(sums_of(local, cells.cell, cells.size)[full])
-    measured = measure_noise((rmse / normal[:, 2]) ** 2, cells.count[full], CALM_QUANTILE)
+    upright = np.maximum(normal[:, 2], np.finfo(np.float64).tiny)  # a wall alone: far from calm
+    measured = measure_noise((rmse / upright) ** 2, cells.count[full], CALM_QUANTILE)
     return max(measured, USUAL_NOISE_M)
 
 
@@ -60,22 +66,16 @@ def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float6
     """The signs (S + 1, 3) of a wall at each step along the row, from its roof points (N, 3): the share
     of its depth that steps, the mean folds (slopes) of valleys and of ridges."""
     s, t = row.coordinates(points[:, :2])
-    step = np.floor(s / CELL_M).astype(np.int64)
-    inside = (step >= 0) & (step < len(row.first))
-    inside[inside] &= (t[inside] >= row.first[step[inside]]) & (t[inside] < row.last[step[inside]])
     used = row.last > row.first
-    low = float(row.first[used].min())
-    depths = int((row.last.max() - low) / DEPTH_STEP_M) + 1
-    line = ((t[inside] - low) / DEPTH_STEP_M).astype(np.int64)
-    middle = t[inside] - low - (line + 0.5) * DEPTH_STEP_M
-    moments = moments_kernel(s[inside], middle, points[inside, 2], line, step[inside], depths, len(row.first))
-    ground = (low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M >= row.first) & (
-        low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M < row.last
-    )
-    return np.asarray(signs_kernel(moments, ground, round(WINDOW_M / CELL_M), CELL_M, noise))
+    low = float(row.first[used].min()) - DEPTH_STEP_M
+    depths = int((row.last.max() - low) / DEPTH_STEP_M) + 2
+    line = low + np.arange(depths) * DEPTH_STEP_M
+    moments = moments_kernel(s, t - low, points[:, 2], depths, len(row.first))
+    within = np.minimum(line[:, None] - row.first, row.last - line[:, None]) / DEPTH_STEP_M + 0.5
+    return np.asarray(signs_kernel(moments, np.clip(within, 0.0, 1.0), round(WINDOW_M / CELL_M), noise))
 
 
-WEIGHTS = {"one": -4.96, "share": 6.33, "ridge": -7.97, "full valley": 4.7}
+WEIGHTS = {"one": -4.7, "share": 6.13, "ridge": -12.59, "full valley": 3.03}
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
 
 
@@ -96,108 +96,114 @@ def moments_kernel(
     s: NDArray[np.float64],
     t: NDArray[np.float64],
     z: NDArray[np.float64],
-    line: NDArray[np.int64],
-    step: NDArray[np.int64],
     depths: int,
     steps: int,
 ) -> NDArray[np.float64]:
     """Running sums (D, S + 1, 10) of 1, s, t, s², s t, t², z, s z, t z, z² along each of D lines of S steps.
 
-    t counts from the middle of the line.
+    A point counts for the four nearest nodes by its nearness to each, so that it passes from one to the next
+    as it moves; a line then takes half of those beside it. t counts from the first line.
     """
-    sums = np.zeros((depths, steps + 1, 10))
+    own = np.zeros((depths, steps + 1, 10))
     for k in range(len(s)):
-        own = sums[line[k], step[k] + 1]
-        own[0] += 1.0
-        own[1] += s[k]
-        own[2] += t[k]
-        own[3] += s[k] * s[k]
-        own[4] += s[k] * t[k]
-        own[5] += t[k] * t[k]
-        own[6] += z[k]
-        own[7] += s[k] * z[k]
-        own[8] += t[k] * z[k]
-        own[9] += z[k] * z[k]
-    for i in range(depths):
-        for j in range(steps):
-            for m in range(10):
-                sums[i, j + 1, m] += sums[i, j, m]
+        place, depth = s[k] / CELL_M - 0.5, t[k] / DEPTH_STEP_M
+        left, under = int(np.floor(place)), int(np.floor(depth))
+        for i in range(under, under + 2):
+            for j in range(left, left + 2):
+                if i < 0 or i >= depths or j < 0 or j >= steps:
+                    continue
+                weight = (1.0 - abs(depth - i)) * (1.0 - abs(place - j))
+                node = own[i, j + 1]
+                node[0] += weight
+                node[1] += weight * s[k]
+                node[2] += weight * t[k]
+                node[3] += weight * s[k] * s[k]
+                node[4] += weight * s[k] * t[k]
+                node[5] += weight * t[k] * t[k]
+                node[6] += weight * z[k]
+                node[7] += weight * s[k] * z[k]
+                node[8] += weight * t[k] * z[k]
+                node[9] += weight * z[k] * z[k]
+    for j in range(steps):
+        own[:, j + 1] += own[:, j]
+    sums = own.copy()
+    sums[1:] += 0.5 * own[:-1]
+    sums[:-1] += 0.5 * own[1:]
     return sums
 
 
 @kernel
 def side_kernel(
-    sums: NDArray[np.float64], at: int, way: int, room: int, place: float, noise: float
-) -> tuple[bool, float, float, float]:
-    """Whether the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`, lie on a plane;
-    how many they are, the height of that plane at `place` in the middle of the line, its slope along the row.
+    sums: NDArray[np.float64], at: int, way: int, room: int, s0: float, t0: float, noise: float
+) -> tuple[float, float, float, float]:
+    """How much the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`, lie on a plane
+    (0 to 1); how many they are, the height of that plane at (s0, t0), and its slope along the row.
 
-    The widest of three windows in which they do is taken, at most `room` steps wide.
+    Three windows, at most `room` steps wide, and the same farther away: each takes of what those before it
+    left as much as its points lie on a plane.
     """
-    n = 0.0
-    for share in (4, 2, 1):
-        width = room * share // 4
-        low, high = (at - width, at) if way < 0 else (at, at + width)
+    left, count, height, slope = 1.0, 0.0, 0.0, 0.0
+    for tried in range(6):
+        width, gap = room >> (tried % 3), 1 if tried < 3 else WIDE
+        low, high = (at - gap - width, at - gap) if way < 0 else (at + gap, at + gap + width)
         low, high = max(low, 0), min(high, len(sums) - 1)
         if low >= high:
-            return False, 0.0, 0.0, 0.0
+            continue
         q = sums[high] - sums[low]
         n = q[0]
-        if n < FEWEST:
-            return False, n, 0.0, 0.0
+        enough = min(max((n - 0.5 * FEWEST) / FEWEST, 0.0), 1.0)
+        if enough == 0.0:
+            continue
         s, t, z = q[1] / n, q[2] / n, q[6] / n
         ss, st, tt = q[3] / n - s * s, q[4] / n - s * t, q[5] / n - t * t
         sz, tz, zz = q[7] / n - s * z, q[8] / n - t * z, q[9] / n - z * z
+        ss, tt = ss + LEAST_SPREAD, tt + LEAST_SPREAD
         whole = ss * tt - st * st
-        slope, rise = 0.0, 0.0
-        if n > FEWEST and ss > LEAST_SPREAD and tt > LEAST_SPREAD and whole > 0.1 * ss * tt:
-            slope = (sz * tt - tz * st) / whole
-            rise = (tz * ss - sz * st) / whole
-        elif tt > LEAST_SPREAD:
-            rise = tz / tt
-        left = zz - slope * sz - rise * tz
-        if left < noise * noise:
-            return True, n, z + slope * (place - s) - rise * t, slope
-    return False, n, 0.0, 0.0
+        east, north = (sz * tt - tz * st) / whole, (tz * ss - sz * st) / whole
+        off = max(zz - east * sz - north * tz, 0.0) / (noise * noise)
+        weight = left * enough / (1.0 + off**4)
+        left -= weight
+        count += weight * n
+        height += weight * (z + east * (s0 - s) + north * (t0 - t))
+        slope += weight * east
+    flat = 1.0 - left
+    if flat < 1e-6:
+        return 0.0, 0.0, 0.0, 0.0
+    return flat, count / flat, height / flat, slope / flat
 
 
 @kernel
 def signs_kernel(
-    sums: NDArray[np.float64],
-    ground: Mask,
-    window: int,
-    cell: float,
-    noise: float,
+    sums: NDArray[np.float64], ground: NDArray[np.float64], window: int, noise: float
 ) -> NDArray[np.float64]:
     """The signs at each of S + 1 steps; see `wall_signs`."""
     depths, steps = ground.shape
     signs = np.zeros((steps + 1, 3))
     straight = 2.0 * noise + 0.03
     for j in range(1, steps):
-        place = j * cell
-        both = 0
+        place = j * CELL_M
+        both = 0.0
         for i in range(depths):
-            if not (ground[i, j - 1] and ground[i, j]):
+            here = min(ground[i, j - 1], ground[i, j])
+            if here == 0.0:
                 continue
-            good, n, before, rise = side_kernel(sums[i], j - 1, -1, window, place, straight)
-            fine, m, after, fall = side_kernel(sums[i], j + 1, 1, window, place, straight)
-            if not good:
-                good, n, before, rise = side_kernel(sums[i], j - WIDE, -1, window, place, straight)
-            if not fine:
-                fine, m, after, fall = side_kernel(sums[i], j + WIDE, 1, window, place, straight)
-            if not (good and fine):
+            depth = DEPTH_STEP_M * i
+            good, n, before, rise = side_kernel(sums[i], j, -1, window, place, depth, straight)
+            fine, m, after, fall = side_kernel(sums[i], j, 1, window, place, depth, straight)
+            weight = here * good * fine
+            if weight < 1e-6:
                 continue
-            both += 1
+            both += weight
             jump = abs(after - before)
-            if jump < CROSSING_M * abs(fall - rise):
-                jump = 0.0
-            if jump > max(3.0 * noise * np.sqrt(4.0 / n + 4.0 / m), 0.08):
-                signs[j, 0] += 1.0
             fold = min(max(fall - rise, -1.5), 1.5)
-            if jump < 0.5:
-                if fold > 0.0:
-                    signs[j, 1] += fold
-                else:
-                    signs[j, 2] -= fold
-        signs[j] /= max(both, 1)
+            crossing = (CROSSING_M * abs(fold)) ** 4
+            jump *= jump**4 / (jump**4 + crossing + 1e-9)
+            least = max(3.0 * noise * np.sqrt(4.0 / n + 4.0 / m), 0.08)
+            signs[j, 0] += weight / (1.0 + (least / max(jump, 1e-3)) ** 8)
+            weight /= 1.0 + (jump / 0.5) ** 8
+            if fold > 0.0:
+                signs[j, 1] += weight * fold
+            else:
+                signs[j, 2] -= weight * fold
+        signs[j] /= both + 0.5
     return signs

@@ -16,8 +16,8 @@ from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 MOST_ODDS = 5.0
 """Log-odds further from 0 are as sure as these."""
 
-OF_ROWS = (0.91, 0.34)
-OF_BORDERS = (-0.66, 0.72)
+OF_ROWS = (0.06, 0.82)
+OF_BORDERS = (-0.92, 0.75)
 """Log-odds that a wall is there: a + b · log-odds found; learned on the walls of the towns that the weights
 were learned on, by `python -m benchmarks.accuracy.unit_weights`.
 """

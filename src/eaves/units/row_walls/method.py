@@ -10,7 +10,7 @@ from shapely import Polygon
 
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
-from eaves.units.row_walls.chain import best_walls, total_of
+from eaves.units.row_walls.chain import chances_of, likely_walls
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_unit_cells
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
@@ -24,21 +24,22 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
 
     Behind each of the long fronts of a block, longest first, lies the ground of a row; walls run along
     the direction in which heights change most alike at all depths. At every quarter of a metre along a
-    row planes are fitted to the points on both sides, metre by metre of depth, and compared: steps,
-    valleys, and against them ridges, give the odds of a party wall there by logistic regression. The row
-    is divided where the product of the odds of its walls and of the widths of its units is greatest, by
-    dynamic programming; the forward and backward sums over all divisions give the certainty of each wall.
-    Houses of one width make weak signs at equal distances likely: that width is the one under which the
-    row's signs are likeliest, so it comes from the scan alone. Rows that meet without a wall are one;
-    walls are carried on through annexes.
+    row planes are fitted to the points on both sides, in lines half a metre apart, and compared: steps,
+    valleys, and against them ridges, give the odds of a party wall there by logistic regression. A division
+    of the row is as likely as the product of the odds of its walls and of the widths of its units. Houses of
+    one width make weak signs at equal distances likely: each width counts as much as the row's signs are
+    likely under it, so it comes from the scan alone. A wall stands where enough of all divisions have one:
+    the sums over them change little where the points do, the best of them may be any of many. Rows that meet
+    without a wall are one; walls are carried on through annexes.
 
     Formula
     -------
-    max Π_walls o(s) · Π_units f(w),  f(w) = q g(w) + (1 − q) r N(ln w; ln u, λ),
+    P(wall at s) = Σ_u Σ_divisions with s  Π_walls o · Π_units f_u(w) / Σ_u Σ_divisions ...,
+    f_u(w) = q g(w) + (1 − q) r N(ln w; ln u, λ),
 
-    o the odds at place s, w the width of a unit, g falling off below the narrowest, u the
-    usual width of the row, λ the likeness, q the share of odd widths, r the range of widths. A row without
-    a usual width has f = g.
+    o the odds at a place, w the width of a unit, g falling off below the narrowest, u the
+    usual width of the row, λ the likeness, q the share of odd widths, r the range of widths. Without
+    a usual width f = g.
 
     Fidelity
     --------
@@ -81,7 +82,13 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     )
     width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", symbol="r", gt=0.0)
     regular_gain: float = parameter(
-        2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
+        2.0, "Logarithm of how much likelier a row is to have no usual width than any one.", ge=0.0
+    )
+    least_sure: float = parameter(
+        0.3,
+        "A wall stands where this share of all divisions has one: rows of towns are matched best so.",
+        gt=0.0,
+        lt=1.0,
     )
     carried_on: float = parameter(
         HOUSE_M, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
@@ -122,14 +129,13 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step."""
         width = np.maximum(np.arange(len(log_odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / (2.0 * self.likeness)) ** 2)
-        odds = np.exp(log_odds)
-        best, chosen = total_of(odds, broad) + self.regular_gain, broad
-        for usual in self.usual_widths(row):
-            regular = self.regular_width(width, usual, broad)
-            total = total_of(odds, regular)
-            if total > best:
-                best, chosen = total, regular
-        return RowUnits(row, *best_walls(odds, chosen))
+        widths = np.array(
+            [broad, *(self.regular_width(width, usual, broad) for usual in self.usual_widths(row))]
+        )
+        prior = np.ones(len(widths))
+        prior[0] = np.exp(self.regular_gain)
+        chance = chances_of(np.exp(log_odds), widths, prior)
+        return RowUnits(row, *likely_walls(chance, self.least_sure))
 
     def usual_widths(self, row: HouseRow) -> list[float]:
         """The widths (m) that most units of a regular row may have; three at least stand in it."""

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 from shapely import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
 
+from eaves.geometry.inside import edges_of
 from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
 
@@ -20,6 +24,9 @@ CELL_M = 0.25
 
 SAME_DEG = 2.0
 """Directions nearer to each other than this are one: a tolerance."""
+CLEAR = 1.6
+"""Walls lean where that makes heights change so many times as much alike: points moved by a part of a cell
+change the coherence of a row by less."""
 JOG_M, HOUSE_M = 1.5, 15.0
 """How far a front steps back and forth and is one, and how deep a house in a row is at most (m); a row of two
 is twice as deep."""
@@ -41,7 +48,7 @@ class RowRules(Method):
         gt=0.0,
     )
     most_deeper: float = parameter(
-        1.5,
+        2.0,
         "Where ground is deeper than this many times the row's median depth, another row stands behind.",
         gt=1.0,
     )
@@ -64,13 +71,6 @@ class RowRules(Method):
         unit="degree",
         ge=0.0,
         lt=90.0,
-    )
-    least_square: float = parameter(
-        0.7,
-        "Share of the outline around a row that runs along its front or its walls: else its walls are none "
-        "of this building.",
-        ge=0.0,
-        le=1.0,
     )
 
 
@@ -99,10 +99,13 @@ class Plan:
         column = np.clip(((points[:, 0] - west) / CELL_M).astype(np.int64), 0, columns - 1)
         row = np.clip(((points[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
         cell = row * columns + column
-        count = np.bincount(cell, minlength=rows * columns)
-        total = np.bincount(cell, points[:, 2], rows * columns)
-        with np.errstate(invalid="ignore"):
-            height = (total / count).reshape(rows, columns)
+        count, total = (
+            ndimage.uniform_filter(
+                np.bincount(cell, weights, rows * columns).astype(np.float64).reshape(rows, columns), 3
+            )
+            for weights in (None, points[:, 2])
+        )
+        height = np.where(count > 1e-9, total / np.maximum(count, 1e-9), np.nan)
         return cls(main.reshape(rows, columns), height, west, south, outline)
 
     def cells(
@@ -159,36 +162,59 @@ class HouseRow:
         s, t = (x * one + y * other for one, other in turn)
         return s, t
 
-    def rim(self) -> LineString:
+    def rim(self) -> NDArray[np.float64]:
+        """Places (M, 2) around the row's ground, from step to step."""
+        used = np.flatnonzero(self.last > self.first)
+        s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
+        s[[0, -1]], s[[len(used) - 1, len(used)]] = 0.0, self.length
+        return np.column_stack(self.place(s, np.concatenate([self.first[used], self.last[used][::-1]])))
+
+    def frame(self) -> LineString:
         """The parallelogram around the row's ground."""
         near, far = float(self.first.min()), float(self.last.max())
         s, t = np.array([0.0, self.length, self.length, 0.0, 0.0]), np.array([near, near, far, far, near])
         return LineString(np.column_stack(self.place(s, t)))
 
 
-def fronts_of(outline: Polygon, limits: RowRules) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Start and end (2,) of the straight fronts of an outline, the interior on their left."""
-    fronts = []
-    for number, ring in enumerate((outline.exterior, *outline.interiors)):
-        plain = shapely.orient_polygons(shapely.simplify(Polygon(ring), limits.jog)).exterior
-        xy = np.asarray(plain.coords)[:, :2]
-        if number > 0:
-            xy = xy[::-1]
-        fronts += list(pairwise(xy))
-    return [front for front in fronts if np.hypot(*(front[1] - front[0])) >= limits.shortest_front]
-
-
-def straightened(
-    along: NDArray[np.float64], directions: NDArray[np.float64], most_turn: float
-) -> NDArray[np.float64]:
-    """The direction of the outline's own edges that is nearest to a front's, which jogs have turned by
-    `most_turn` (degrees) at most.
+def fronts_of(
+    outline: Polygon, directions: NDArray[np.float64], limits: RowRules
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Start and end (2,) of the straight fronts of an outline along directions (K, 2), the interior on their
+    left: edges along one direction that follow each other on a ring with no more than a jog between them.
     """
-    if len(directions) == 0:
-        return along
-    turned = directions * np.sign(directions @ along + 1e-12)[:, None]
-    nearest = turned[int(np.argmax(turned @ along))]
-    return nearest if nearest @ along > np.cos(np.radians(most_turn)) else along
+    whole = shapely.orient_polygons(outline)
+    for ring in (whole.exterior, *whole.interiors):
+        xy = np.asarray(ring.coords)[:-1, :2]
+        step = np.roll(xy, -1, axis=0) - xy
+        cosine = step @ directions.T / np.maximum(np.hypot(step[:, 0], step[:, 1]), CELL_M)[:, None]
+        nearest = np.argmax(np.abs(cosine), axis=1)
+        cosine = cosine[np.arange(len(xy)), nearest]
+        parallel = np.abs(cosine) >= np.cos(np.radians(limits.most_turn))
+        for k, sign in product(range(len(directions)), (-1.0, 1.0)):
+            along = sign * directions[k]
+            across = np.array([-along[1], along[0]])
+            s, t = xy @ along, xy @ across
+            for edges in chains_of(
+                np.flatnonzero(parallel & (nearest == k) & (cosine * sign > 0)), s, t, limits
+            ):
+                ends = (edges + 1) % len(xy)
+                offset = np.average(0.5 * (t[edges] + t[ends]), weights=s[ends] - s[edges])
+                if s[ends].max() - s[edges].min() >= limits.shortest_front:
+                    yield s[edges].min() * along + offset * across, s[ends].max() * along + offset * across
+
+
+def chains_of(
+    edges: NDArray[np.int64], s: NDArray[np.float64], t: NDArray[np.float64], limits: RowRules
+) -> list[NDArray[np.int64]]:
+    """The edges (K,) of a ring of places s, t (N,), by their first vertices, in chains: from each to the next
+    the ring leaves the front by no more than a jog."""
+    linked = []
+    for edge, following in zip(edges, np.roll(edges, -1), strict=True):
+        between = np.arange(edge + 1, following + 1 if following > edge else following + 1 + len(s)) % len(s)
+        back = s[between[0]] - s[following]
+        linked.append(np.ptp(t[between]) <= limits.jog and back <= limits.jog)
+    cuts = np.flatnonzero(~np.array(linked, bool))
+    return np.split(np.roll(edges, -cuts[0] - 1), cuts[1:] - cuts[0]) if len(cuts) else [edges] * bool(linked)
 
 
 def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
@@ -200,39 +226,24 @@ def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[f
 def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[HouseRow]:
     """The rows of a block, longest front first; what one claims no other has.
 
-    `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
+    `directions` (K, 2) are unit vectors along which fronts run, and walls, where they do not stand upright.
     """
-    free = plan.main.copy()
-    for start, end in sorted(fronts_of(plan.outline, limits), key=by_length):
-        length = float(np.hypot(*(end - start)))
-        along = straightened((end - start) / length, directions, limits.most_turn)
+    free: BaseGeometry = plan.outline
+    if len(directions) == 0:
+        return
+    for start, end in sorted(fronts_of(plan.outline, directions, limits), key=by_length):
+        along = (end - start) / np.hypot(*(end - start))
         upright = np.array([-along[1], along[0]])
-        best = ground_behind(plan, free, start, along, upright, length, limits)
+        best = ground_behind(plan.outline, free, start, end, upright, limits)
         if best is None:
             continue
         most = coherence(plan, best)
         for across in leaning(directions, upright, limits.most_lean):
-            row = ground_behind(plan, free, start, along, across, length, limits)
-            if row is not None and (coherent := coherence(plan, row)) > most:
-                most, best = coherent, row
-        if square_share(plan, best, limits) < limits.least_square:
-            continue
-        free[plan.cells(*best.ground())] = False
+            row = ground_behind(plan.outline, free, start, end, across, limits)
+            if row is not None and (coherent := coherence(plan, row)) > most * CLEAR:
+                most, best = coherent / CLEAR, row
+        free = shapely.difference(free, shapely.make_valid(Polygon(best.rim())))
         yield best
-
-
-def square_share(plan: Plan, row: HouseRow, limits: RowRules) -> float:
-    """Share of the outline around a row's ground that runs along its front or its walls."""
-    used = np.flatnonzero(row.last > row.first)
-    s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
-    rim = np.column_stack(row.place(s, np.concatenate([row.first[used], row.last[used][::-1]])))
-    around = shapely.buffer(Polygon(rim), 0.5 * limits.jog)
-    near = shapely.get_parts(shapely.intersection(plan.outline.boundary, around))
-    step = np.vstack([np.zeros((1, 2)), *(np.diff(shapely.get_coordinates(line), axis=0) for line in near)])
-    length = np.hypot(step[:, 0], step[:, 1])
-    along = np.abs(step @ np.column_stack([row.along, row.across])).max(axis=1)
-    square = along >= np.cos(np.radians(limits.most_turn)) * length
-    return float(length[square].sum() / max(length.sum(), CELL_M))
 
 
 def leaning(
@@ -260,45 +271,76 @@ def coherence(plan: Plan, row: HouseRow) -> float:
 
 
 def ground_behind(
-    plan: Plan,
-    free: Mask,
+    outline: BaseGeometry,
+    free: BaseGeometry,
     start: NDArray[np.float64],
-    along: NDArray[np.float64],
+    end: NDArray[np.float64],
     across: NDArray[np.float64],
-    length: float,
     limits: RowRules,
 ) -> HouseRow | None:
-    """The ground behind a front, None where others have claimed it."""
+    """The ground behind a front, to where the outline ends; None where others have claimed it.
+
+    Where it is far deeper than usual another row stands behind.
+    """
+    length = float(np.hypot(*(end - start)))
+    along = (end - start) / length
     steps = int(length / CELL_M)
-    s = (np.arange(steps) + 0.5) * CELL_M
-    t = np.arange(-limits.jog - 0.5, 2.0 * HOUSE_M, CELL_M)
-    x, y = ((start[k] + s * along[k])[:, None] + t * across[k] for k in range(2))
-    cells = plan.cells(x, y)
-    main, own = plan.main[cells], free[cells]
-    begin = np.argmax(main, axis=1)
-    there = main[np.arange(steps), begin] & (t[begin] < limits.jog + 0.5)
-    to_end = main | (np.arange(len(t)) < begin[:, None])
-    end = np.where(to_end.all(axis=1), len(t), np.argmin(to_end, axis=1))
-    if not there.any():
+    origin = start + 0.5 * (length - steps * CELL_M) * along
+    whole = chords_of(outline, origin, along, across, steps, limits.jog)
+    first = np.unique(whole.step, return_index=True)[1]
+    first = first[whole.first[first] < limits.jog + 0.5]
+    if len(first) == 0:
         return None
-    depth = np.where(there, end - begin, 0)
-    usual = float(np.median(depth[there]))
-    deep = there & (depth > limits.most_deeper * usual)
-    end = np.where(deep, begin + int(usual), end)
-    run = (np.arange(len(t)) >= begin[:, None]) & (np.arange(len(t)) < end[:, None]) & there[:, None]
-    # the row ends where others' ground begins
-    taken = run & ~own
-    there &= ~(taken.sum(axis=1) > 0.5 * np.maximum(run.sum(axis=1), 1))
-    first_taken = np.where(taken.any(axis=1), np.argmax(taken, axis=1), len(t))
-    begin = np.where(first_taken <= begin, begin + taken.sum(axis=1), begin)
-    end = np.where(first_taken > begin, np.minimum(end, first_taken), end)
-    there &= end > begin
-    if there.sum() * CELL_M < limits.shortest_front:
+    begin, last = np.zeros(steps), np.zeros(steps)
+    begin[whole.step[first]], last[whole.step[first]] = whole.first[first], whole.last[first]
+    usual = float(np.median((last - begin)[last > begin]))
+    last = np.where(last - begin > limits.most_deeper * usual, begin + usual, last)
+    left = chords_of(free, origin, along, across, steps, limits.jog)
+    low, high = np.maximum(left.first, begin[left.step]), np.minimum(left.last, last[left.step])
+    mine = np.zeros((2, steps))  # of what others left the longest piece
+    order = np.argsort(high - low, kind="stable")
+    mine[:, left.step[order]] = low[order], high[order]
+    there = (last > begin) & (mine[1] - mine[0] >= 0.5 * (last - begin))
+    begin, last = np.where(there, mine, 0.0)
+    if there.sum() * CELL_M < limits.shortest_front or np.median((last - begin)[there]) < limits.narrowest:
         return None
-    if np.median((end - begin)[there]) * CELL_M < limits.narrowest:
-        return None
-    begin, end = np.where(there, begin, 0), np.where(there, end, 0)
-    inside = np.flatnonzero(there)
-    keep = slice(inside[0], inside[-1] + 1)
-    first, last = t[0] + begin * CELL_M, t[0] + end * CELL_M
-    return HouseRow(start + inside[0] * CELL_M * along, along, across, first[keep], last[keep])
+    used = np.flatnonzero(there)
+    keep = slice(used[0], used[-1] + 1)
+    return HouseRow(origin + used[0] * CELL_M * along, along, across, begin[keep], last[keep])
+
+
+class Chords(NamedTuple):
+    """Where lines across a row, one in the middle of each step, lie in a shape: the step and the first and
+    last t (m) of each piece (M,), step by step from the front."""
+
+    step: NDArray[np.int64]
+    first: NDArray[np.float64]
+    last: NDArray[np.float64]
+
+
+def chords_of(
+    shape: BaseGeometry,
+    origin: NDArray[np.float64],
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    steps: int,
+    jog: float,
+) -> Chords:
+    """The chords of polygons, from a jog and a half metre before the front to the depth of two houses."""
+    ends = edges_of(shapely.get_parts(shape))[:2]
+    turn = np.linalg.inv(np.column_stack([along, across]))
+    (s0, t0), (s1, t1) = (turn @ (places - origin).T for places in ends)
+    place0, place1 = s0 / CELL_M - 0.5, s1 / CELL_M - 0.5
+    # an edge crosses the lines from its one end up to, and without, its other
+    low, high = (
+        np.clip(np.ceil(extreme(place0, place1)), 0, steps).astype(np.int64)
+        for extreme in (np.minimum, np.maximum)
+    )
+    edge = np.repeat(np.arange(len(low)), high - low)
+    step = np.arange(len(edge)) - np.repeat(np.cumsum(high - low) - high, high - low)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = t0[edge] + (step - place0[edge]) / (place1 - place0)[edge] * (t1 - t0)[edge]
+    order = np.lexsort([t, step])
+    first, last = np.maximum(t[order[::2]], -jog - 0.5), np.minimum(t[order[1::2]], 2.0 * HOUSE_M)
+    there = last > first
+    return Chords(step[order[::2]][there], first[there], last[there])

@@ -12,7 +12,7 @@ from eaves.units.row_walls.chain import NEAR
 from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.rows import HOUSE_M
 
-WEIGHTS = {"one": -7.47, "units": 3.48, "density": 1.53, "depth": -5.23, "second": 0.61}
+WEIGHTS = {"one": -5.74, "units": 3.43, "density": 0.7, "depth": -5.85, "second": 0.71}
 """Of the traits in the log-odds that a block is several buildings; learned by
 `python -m benchmarks.accuracy.unit_weights` on towns and on drawn houses, halls and rows.
 """
