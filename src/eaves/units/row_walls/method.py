@@ -15,7 +15,7 @@ from eaves.units.row_walls.division import RowUnits, divide_outline, label_unit_
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
 from eaves.units.row_walls.rows import CELL_M, HOUSE_M, SAME_DEG, HouseRow, Plan, RowRules, rows_of
-from eaves.units.row_walls.several import odds_of_several
+from eaves.units.row_walls.several import SURE, odds_of_several
 from eaves.units.stage import Division, UnitMethod
 
 
@@ -107,7 +107,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
         found = [self.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
         emit("rows", rows)
-        if odds_of_several(found, odds, len(points), outline.area) < 0.0:  # a house of wings stays one
+        if odds_of_several(found, odds, len(points), outline.area) < SURE:  # a house of wings stays one
             return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_unit_cells(plan, label, found, 1)

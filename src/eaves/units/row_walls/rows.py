@@ -72,6 +72,13 @@ class RowRules(Method):
         ge=0.0,
         lt=90.0,
     )
+    least_square: float = parameter(
+        0.7,
+        "Share of the outline around a row that runs along its front or its walls: else its walls are none "
+        "of this building.",
+        ge=0.0,
+        le=1.0,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,8 +249,24 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
             row = ground_behind(plan.outline, free, start, end, across, limits)
             if row is not None and (coherent := coherence(plan, row)) > most * CLEAR:
                 most, best = coherent / CLEAR, row
+        if square_share(plan, best, limits) < limits.least_square:
+            continue
         free = shapely.difference(free, shapely.make_valid(Polygon(best.rim())))
         yield best
+
+
+def square_share(plan: Plan, row: HouseRow, limits: RowRules) -> float:
+    """Share of the outline around a row's ground that runs along its front or its walls."""
+    used = np.flatnonzero(row.last > row.first)
+    s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
+    rim = np.column_stack(row.place(s, np.concatenate([row.first[used], row.last[used][::-1]])))
+    around = shapely.buffer(Polygon(rim), 0.5 * limits.jog)
+    near = shapely.get_parts(shapely.intersection(plan.outline.boundary, around))
+    step = np.vstack([np.zeros((1, 2)), *(np.diff(shapely.get_coordinates(line), axis=0) for line in near)])
+    length = np.hypot(step[:, 0], step[:, 1])
+    along = np.abs(step @ np.column_stack([row.along, row.across])).max(axis=1)
+    square = along >= np.cos(np.radians(limits.most_turn)) * length
+    return float(length[square].sum() / max(length.sum(), CELL_M))
 
 
 def leaning(

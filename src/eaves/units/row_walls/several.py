@@ -12,13 +12,16 @@ from eaves.units.row_walls.chain import NEAR
 from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.rows import HOUSE_M
 
-WEIGHTS = {"one": -5.74, "units": 3.43, "density": 0.7, "depth": -5.85, "second": 0.71}
+WEIGHTS = {"one": -5.16, "units": 4.01, "density": 0.38, "depth": -5.96, "second": 0.52}
 """Of the traits in the log-odds that a block is several buildings; learned by
 `python -m benchmarks.accuracy.unit_weights` on towns and on drawn houses, halls and rows.
 """
 
 MOST_UNITS = 8
 """More units prove no more: a factory of a hundred bays would outweigh its depth."""
+
+SURE = 0.5
+"""Log-odds with which a block is divided: where one building is nearly as likely, that is simpler."""
 
 LEAST_ODDS, MOST_ODDS = -2.0, 4.0
 """Log-odds of the second wall count within these; a block with one wall has the least.
@@ -39,7 +42,7 @@ def odds_of_several(rows: Sequence[RowUnits], odds: Sequence[Values], points: in
 def traits_of_block(
     rows: Sequence[RowUnits], odds: Sequence[Values], points: int, area: float
 ) -> NDArray[np.float64]:
-    """The columns (5,) that `WEIGHTS` weigh: 1, the logarithms of the number of units, of the density
+    """The columns (5,) that `WEIGHTS` weigh: 1, the logarithms of the units to expect, of the density
     (points/m²) and of how much deeper the row of most units is, the log-odds of the second wall.
     """
     strength = sorted(
@@ -53,7 +56,7 @@ def traits_of_block(
     return np.array(
         [
             1.0,
-            np.log(min(len(strength) + 1, MOST_UNITS)),
+            np.log(min(1.0 + sum(float(units.certainty.sum()) for units in rows), MOST_UNITS)),
             np.log(max(points, 1) / area),
             max(float(np.log(np.median(depth) / HOUSE_M)), 0.0),
             np.clip(second, LEAST_ODDS, MOST_ODDS),
