@@ -242,14 +242,14 @@ def terms_of_cells(
     detector judges each: those of its surface, or its own."""
     cloud, wide, decks, _ = load_block(block, store, recipe)
     _, scene, _ = see_block(cloud, block, recipe, wide, decks)
-    _, evidence, segments = method.find_surfaces(scene, method.candidates(scene))
+    halves = method.half_cells(scene, method.candidates(scene))
+    evidence, segments = method.find_surfaces(scene, halves)
     found = measured_terms(evidence, segments, method.tolerance(scene.spacing), method.judged_by, method)
     seen = np.flatnonzero(evidence.candidate)
     large = found.large.ravel()[seen, None]
     of_surface = np.vstack([np.zeros(found.surface.shape[1]), found.surface])[segments.label.ravel()[seen]]
-    own = found.cell.reshape(-1, found.cell.shape[-1])[seen]
     xy = evidence.cells.centres(seen) + np.array(block.origin)
-    return xy, np.hstack([np.where(large, of_surface, 0.0), np.where(large, 0.0, own)])
+    return xy, np.hstack([np.where(large, of_surface, 0.0), np.where(large, 0.0, found.cell)])
 
 
 def sigmoid(odds: Values) -> Values:

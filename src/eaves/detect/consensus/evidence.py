@@ -9,17 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from eaves.detect.consensus.half_cells import CellsOfFour, HalfCells
 from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import sums_of
-from eaves.model import Labels, Mask, Points, Scene, Values
+from eaves.model import Labels, Mask, Values
 
 
 @dataclass(frozen=True, eq=False)
 class Relief:
     """Rasters (H, W) of heights and planes over the cells; values mean nothing where `candidate` is False."""
 
-    cells: Cells
+    cells: Cells | CellsOfFour
     candidate: Mask
     """Cells with at least one point that could be a roof."""
     top: Values
@@ -43,6 +44,7 @@ class Relief:
 class Evidence(Relief):
     """The relief of the cells, and what else speaks for or against a roof in each, (H, W)."""
 
+    cells: CellsOfFour
     multi_return_share: Values
     """Share of the window's candidate points whose pulse had several returns; 0 without returns."""
     penetration: Values
@@ -51,40 +53,26 @@ class Evidence(Relief):
     """Mean height (m) of the cell's candidate points over the terrain."""
 
 
-def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, limits: WindowRules) -> Evidence:
-    """Evidence on cells of the given side (m).
-
-    `candidate` (N,) marks the points that could be roofs; xyz (N, 3) counts heights from a level near them.
-    """
-    cells = Cells.of(xyz, side)
-    shape = cells.shape
-    chosen, low = np.flatnonzero(candidate), np.flatnonzero(~candidate & ~scene.cloud.noise)
-    cell = cells.cell[chosen]
-    sums = sums_of(xyz[chosen], cell, cells.size).reshape(*shape, 10)
+def gather_evidence(halves: HalfCells, step: tuple[int, int], limits: WindowRules) -> Evidence:
+    """Evidence on cells of two by two half cells, in the placement of that step."""
+    cells = CellsOfFour.of(halves.cells, step)
+    place = cells.of_half.ravel()[halves.place]
+    sums = sums_of(halves.candidates, place, cells.size).reshape(*cells.shape, 10)
+    count = sums[..., 0]
     slope_east, slope_north, level, residual = best_planes(sums, cells, limits)
-
-    def counted(points: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.bincount(cells.cell[points], minlength=cells.size).reshape(shape)
-
-    def highest(points: Mask) -> Values:
-        return cells.extreme(np.where(points, xyz[:, 2], -np.inf)).reshape(shape)
-
-    count, returns = counted(chosen), scene.cloud.number_of_returns
-    around, under = window_sum(count), window_sum(counted(low))
-    many = chosen[:0] if returns is None else chosen[returns[chosen] > 1]
-    height = np.bincount(cell, weights=scene.height[chosen], minlength=cells.size).reshape(shape)
+    around, under = window_sum(count), window_sum(cells.sum(halves.other))
     return Evidence(
         cells=cells,
         candidate=count > 0,
-        top=highest(candidate),
-        low=highest(~candidate & ~scene.cloud.noise),
+        top=cells.highest(halves.top),
+        low=cells.highest(halves.low),
         residual=residual,
         east=slope_east,
         north=slope_north,
         level=level,
-        multi_return_share=window_sum(counted(many)) / np.maximum(around, 1),
+        multi_return_share=window_sum(cells.sum(halves.several)) / np.maximum(around, 1),
         penetration=under / np.maximum(under + around, 1),
-        height=height / np.maximum(count, 1),
+        height=cells.sum(halves.height) / np.maximum(count, 1),
     )
 
 

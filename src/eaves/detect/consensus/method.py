@@ -13,25 +13,21 @@ from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
     EvidenceRules,
+    Separation,
     Weights,
     cell_odds,
     measured_terms,
     read_weights,
     score_regions,
     surface_odds,
+    weigh_shape,
 )
 from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
 from eaves.detect.consensus.evidence import Evidence, Relief, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
+from eaves.detect.consensus.half_cells import STEPS, HalfCells
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
-from eaves.detect.consensus.placements import (
-    HALVES,
-    STEPS,
-    Placement,
-    Together,
-    mean_of_placements,
-    on_cells,
-)
+from eaves.detect.consensus.placements import HalfRelief, Placement, Together, mean_of_placements
 from eaves.detect.consensus.segments import Segments, find_segments
 from eaves.detect.consensus.unseen_roofs import VoidRules, find_hidden_roofs, find_roof_voids
 from eaves.detect.consensus.windows import WindowRules
@@ -169,38 +165,38 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         candidate = self.candidates(scene)
         if int(candidate.sum()) < self.window_points:
             return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
-        placements = [self.measure(scene, candidate, step) for step in STEPS]
-        first = placements[0]
+        halves = self.half_cells(scene, candidate)
+        first = self.measure(scene, halves, STEPS[0])
+        others = [self.measure(scene, halves, step, first.measures) for step in STEPS[1:]]
+        placements = [first, *others]
         emit("residual", first.evidence.residual)
         emit("segments", first.segments.label)
-        other = ~candidate & ~scene.cloud.noise
-        together = mean_of_placements(placements, first.xyz, candidate, other, self.sure)
+        together = mean_of_placements(placements, halves, 2.0 * self.most_log_ratio)
         emit("odds", together.odds)
         building = self.settle(together)
         emit("cut", building)
         half = together.relief
         region, attached, rocks = self.keep_buildings(building, together.roof, half)
         emit("regions", region)
-        hidden = self.hidden_roofs(scene, placements, half, region)
+        hidden = self.hidden_roofs(scene, placements, halves, region)
         emit("hidden", hidden)
-        regions = self.regions_of(scene, first.xyz, half, region, hidden, together.odds)
-        return regions.with_doubts(self.doubts(scene, first, half, region, rocks, attached, regions.score))
+        regions = self.regions_of(scene, halves.xyz, half, region, hidden, together.odds)
+        return regions.with_doubts(self.doubts(scene, first, region, rocks, attached, regions.score))
 
     def doubts(
         self,
         scene: Scene,
         placement: Placement,
-        half: Relief,
         region: Labels,
         rocks: Labels,
         attached: Values,
         score: Values,
     ) -> list[Doubt]:
         """Doubts about the regions and the rocks on half cells (h, w), and about roofs without points."""
-        evidence, cells = placement.evidence, placement.evidence.cells
-        region, rocks = (on_cells(label, half.cells, cells, STEPS[0]) for label in (region, rocks))
+        evidence = placement.evidence
+        region, rocks = (evidence.cells.highest(label) for label in (region, rocks))
         water = wet_cells(scene, evidence)
-        crowns_pass = placement.echoes < 0.5  # the means are less than one spread apart
+        crowns_pass = placement.measures[0].power < 0.5  # the means are less than one spread apart
         roofs = placement.roof if crowns_pass else np.zeros_like(placement.roof)
         found = void_doubts(evidence, placement.void & (region > 0))
         for groups, sure, uneven in (
@@ -210,31 +206,38 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
             found += region_doubts(evidence, groups, sure, attached, water, self.max_attached, uneven, self)
         return found
 
-    def measure(self, scene: Scene, candidate: Mask, step: tuple[int, int]) -> Placement:
-        """What the cells measure with the points moved by so many half cells."""
+    def measure(
+        self,
+        scene: Scene,
+        halves: HalfCells,
+        step: tuple[int, int],
+        known: tuple[Separation, ...] = (),
+    ) -> Placement:
+        """What the cells in the placement of that step measure; what echoes tell in the scan may be known."""
         weights = self.judged_by
-        xyz, evidence, segments = self.find_surfaces(scene, candidate, step)
-        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), weights, self)
+        evidence, segments = self.find_surfaces(scene, halves, step)
+        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), weights, self, known)
         of_surface = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
         of_surface = np.r_[0.0, of_surface][segments.label]
-        odds = np.where(terms.large, of_surface, cell_odds(terms.shape, terms.told, weights))
+        odds = of_surface.copy()
+        odds[evidence.candidate] = cell_odds(weigh_shape(terms.shape, weights), terms.told, weights)
+        odds = np.where(terms.large, of_surface, odds)
         void, rims = find_roof_voids(evidence, self)
-        return Placement(xyz, evidence, segments, odds, of_surface, void, rims, terms.told.echoes.power)
+        return Placement(evidence, segments, odds, of_surface, void, rims, terms.measures)
 
-    def find_surfaces(
-        self, scene: Scene, candidate: Mask, step: tuple[int, int] = (0, 0)
-    ) -> tuple[Points, Evidence, Segments]:
-        """Points (N, 3) with heights counted from near them, moved by so many half cells, the evidence of
-        cells, the smooth surfaces."""
-        z = scene.cloud.xyz[:, 2]
+    def half_cells(self, scene: Scene, candidate: Mask) -> HalfCells:
+        """What the points add up to in half cells; `candidate` (N,) marks those that could be roofs."""
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
-        east, north = (half * side / HALVES for half in step)
-        xyz = scene.cloud.xyz + [east, north, -np.floor(z.min(where=candidate, initial=z.max()))]
-        evidence = gather_evidence(scene, xyz, candidate, side, self)
-        most = self.tolerance(scene.spacing)
+        return HalfCells.of(scene, candidate, side)
+
+    def find_surfaces(
+        self, scene: Scene, halves: HalfCells, step: tuple[int, int] = STEPS[0]
+    ) -> tuple[Evidence, Segments]:
+        """The evidence of the cells in one placement, and their smooth surfaces."""
+        evidence, most = gather_evidence(halves, step, self), self.tolerance(scene.spacing)
         smooth = evidence.candidate & (evidence.residual < most)
-        return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
+        return evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
 
     def tolerance(self, spacing: float) -> float:
         """The largest residual (m) of a surface in a scan of that spacing (m)."""
@@ -244,15 +247,10 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         """The points (N,) that could be roofs."""
         return (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
 
-    @property
-    def sure(self) -> float:
-        """Log odds that settle a cell: both measures, at their most."""
-        return 2.0 * self.most_log_ratio
-
     def settle(self, together: Together) -> Mask:
         """The building half cells (h, w); empty ones between them count as building."""
         relief = together.relief
-        cut = cut_cells(relief, together.odds, self.sure, self.smoothness, self.max_jump)
+        cut = cut_cells(relief, together.odds, self.most_log_ratio, self.smoothness, self.max_jump)
         building = together.void | together.rims | cut
         return np.asarray(building | (closed_by_square(building, 3) & ~relief.candidate), np.bool_)
 
@@ -281,16 +279,16 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         return chosen(good & loose), attached, chosen(rock)
 
     def hidden_roofs(
-        self, scene: Scene, placements: Sequence[Placement], half: Relief, region: Labels
+        self, scene: Scene, placements: Sequence[Placement], halves: HalfCells, region: Labels
     ) -> NDArray[np.int32]:
         """The region of each point (N,) that most placements find on a building's plane below a crown."""
         times, number = np.zeros(len(scene.cloud), np.int32), np.zeros(len(scene.cloud), np.int32)
-        for one, step in zip(placements, STEPS, strict=True):
+        for one in placements:
             found = find_hidden_roofs(
                 one.evidence,
-                one.xyz,
+                halves.xyz,
                 ~scene.cloud.noise,
-                on_cells(region, half.cells, one.evidence.cells, step),
+                one.evidence.cells.highest(region),
                 one.roof,
                 self.tolerance(scene.spacing),
                 self.enclosed,
@@ -300,7 +298,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         return np.where(2 * times > len(placements), number, 0).astype(np.int32)
 
     def regions_of(
-        self, scene: Scene, xyz: Points, evidence: Relief, region: Labels, hidden: Labels, odds: Values
+        self, scene: Scene, xyz: Points, evidence: HalfRelief, region: Labels, hidden: Labels, odds: Values
     ) -> Regions:
         """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
@@ -325,8 +323,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
 def wet_cells(scene: Scene, evidence: Evidence) -> Mask:
     """The cells (H, W) with a point that the scene calls water."""
-    water = np.zeros(evidence.cells.size, bool)
-    classes = scene.cloud.classification
+    half, classes = evidence.cells.half, scene.cloud.classification
+    water = np.zeros(half.size, bool)
     if classes is not None:
-        water[evidence.cells.cell[classes == WATER]] = True
-    return water.reshape(evidence.shape)
+        water[half.cell[classes == WATER]] = True
+    return np.asarray(evidence.cells.highest(water.reshape(half.shape)), np.bool_)

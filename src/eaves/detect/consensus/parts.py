@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Relief
-from eaves.detect.consensus.placements import HALVES
+from eaves.detect.consensus.half_cells import HALVES
+from eaves.detect.consensus.placements import HalfRelief
 from eaves.detect.stage import MOST, ROOM_M
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
@@ -18,7 +18,7 @@ from eaves.raster.squares import shrunk_by_square
 def part_of_points(
     xyz: Points,
     number: Labels,
-    evidence: Relief,
+    evidence: HalfRelief,
     region: Labels,
     max_residual: float,
     below_plane: float,
