@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from eaves.detect.consensus.evidence import Evidence, missed_by
+from eaves.detect.consensus.evidence import Relief, missed_by
 from eaves.model import Mask, Values
 from eaves.raster.groups import neighbour_pairs
 
@@ -15,7 +15,7 @@ UNIT = 100.0
 """Capacities are whole numbers: hundredths of a unit of log odds (a definition, not a threshold)."""
 
 
-def cut_cells(evidence: Evidence, odds: Values, sure: float, smoothness: float, max_jump: float) -> Mask:
+def cut_cells(evidence: Relief, odds: Values, sure: float, smoothness: float, max_jump: float) -> Mask:
     """The building cells (H, W): the labelling of least energy.
 
     The energy is the sum of `odds` (log odds for a building, (H, W)) over the cells called otherwise, and of
@@ -77,7 +77,7 @@ def source_side(
     return side[:count]
 
 
-def continuity(evidence: Evidence, one: NDArray[np.int64], two: NDArray[np.int64]) -> Values:
+def continuity(evidence: Relief, one: NDArray[np.int64], two: NDArray[np.int64]) -> Values:
     """How far (m) the highest points of neighbouring cells (K,) miss each other's surface: the least of both
     ways."""
     top = evidence.top.ravel()

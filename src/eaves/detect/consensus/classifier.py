@@ -164,35 +164,36 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
 
 
 def beside_roofs(evidence: Evidence, roofs: Mask, reach: float) -> tuple[Values, Values]:
-    """How far (m) each cell (H, W) lies from the nearest of `roofs` (H, W), and how high (m) its highest
-    point is over the plane of that cell, carried on; a height of 0 where no roof is within `reach` (m)."""
+    """How far (m) each of M candidate cells lies from the nearest of `roofs` (H, W), (M,), and how high (m)
+    its highest point is over the plane of that cell, carried on, (M,); 0 where no roof is within `reach`."""
+    seen = np.flatnonzero(evidence.candidate)
     if not roofs.any():
-        return np.full(evidence.shape, np.inf), np.zeros(evidence.shape)
-    steps, nearest = ndimage.distance_transform_edt(~roofs, return_indices=True)
-    distance = steps * evidence.cells.side
-    cells = np.ravel_multi_index(tuple(nearest), evidence.shape).ravel()
-    level = level_at(evidence, cells, np.arange(cells.size)).reshape(evidence.shape)
-    near = evidence.candidate & (distance < reach)
-    return distance, np.where(near, evidence.top, level) - level
+        return np.full(len(seen), np.inf), np.zeros(len(seen))
+    steps, (row, column) = ndimage.distance_transform_edt(~roofs, return_indices=True)
+    distance, over = steps.ravel()[seen] * evidence.cells.side, np.zeros(len(seen))
+    near = np.flatnonzero(distance < reach)
+    cells = seen[near]
+    nearest = row.ravel()[cells].astype(np.int64) * evidence.shape[1] + column.ravel()[cells]
+    over[near] = evidence.top.ravel()[cells] - level_at(evidence, nearest, cells)
+    return distance, over
 
 
 def cell_shape(
     evidence: Evidence, company: Values, enclosed: Values, roofs: Mask, reach: float, max_residual: float
 ) -> Values:
-    """The terms of shape of cells (H, W, 7) in no surface, in the order of `CELL_SHAPE`: bushes are low,
-    crowns rough, far from roofs and higher than these would go on."""
-    distance, over = beside_roofs(evidence, roofs, reach)
-    return np.stack(
+    """The terms of shape of the M candidate cells (M, 7) as if in no surface, in the order of `CELL_SHAPE`:
+    bushes are low, crowns rough, far from roofs and higher than these would go on."""
+    seen, (distance, over) = evidence.candidate, beside_roofs(evidence, roofs, reach)
+    return np.column_stack(
         [
-            np.ones(evidence.shape),
-            np.clip(np.log(np.clip(evidence.residual, 1e-4, 10.0) / max_residual), -1.5, 2.0),
-            np.clip(evidence.height - STOREY_M, -1.5, 0.0),
-            company,
-            enclosed,
+            np.ones(np.count_nonzero(seen)),
+            np.clip(np.log(np.clip(evidence.residual[seen], 1e-4, 10.0) / max_residual), -1.5, 2.0),
+            np.clip(evidence.height[seen] - STOREY_M, -1.5, 0.0),
+            company[seen],
+            enclosed[seen],
             np.clip(distance - WINDOW / 2 * evidence.cells.side, 0.0, 3.0),
             np.clip(over, 0.0, 4.0),
-        ],
-        axis=-1,
+        ]
     )
 
 
@@ -279,12 +280,17 @@ def with_echoes(shape: Values, told: Told) -> Values:
     return np.concatenate([shape, told.echoes.power * shape, *ratios], axis=-1)
 
 
-def cell_odds(shape: Values, told: Told, weights: Weights) -> Values:
-    """Log odds (...) of cells in no surface: the terms of `with_echoes`, weighed without being drawn up."""
-    *of_terms, of_echoes, of_penetration = weights.cell
-    of_shape, with_power = np.reshape(of_terms, (2, -1))
+def weigh_shape(shape: Values, weights: Weights) -> Values:
+    """Log odds (2, M) of the shape (M, S) of cells: what it says, and says more in so far as echoes tell."""
+    return np.asarray(np.reshape(weights.cell[:-2], (2, -1)) @ shape.T, np.float64)
+
+
+def cell_odds(weighed: Values, told: Told, weights: Weights) -> Values:
+    """Log odds (M,) of cells in no surface: the terms of `with_echoes`, weighed without being drawn up; their
+    shape was, by `weigh_shape`."""
+    *_, of_echoes, of_penetration = weights.cell
     echoes, penetration = told.log_ratios
-    odds = shape @ (of_shape + told.echoes.power * with_power)
+    odds = weighed[0] + told.echoes.power * weighed[1]
     odds += of_echoes * echoes
     odds += of_penetration * penetration
     return np.asarray(odds, np.float64)
@@ -292,27 +298,35 @@ def cell_odds(shape: Values, told: Told, weights: Weights) -> Values:
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The terms of surfaces (K, T) and of cells; `large` (H, W) marks the cells that their
-    surface speaks for, `shape` (H, W, S) is that of `cell_shape`."""
+    """The terms of surfaces (K, T) and of the M candidate cells; `large` (H, W) marks the cells that their
+    surface speaks for, `shape` (M, S) is that of `cell_shape`."""
 
     surface: Values
     shape: Values
     told: Told
     large: Mask
+    measures: tuple[Separation, ...]
+    """What echoes and penetration tell of cells, and of those in the middle of surfaces."""
 
     @property
     def cell(self) -> Values:
-        """The terms (H, W, T) of the cells."""
+        """The terms (M, T) of the cells."""
         return with_echoes(self.shape, self.told)
 
 
 def measured_terms(
-    evidence: Evidence, segments: Segments, max_residual: float, weights: Weights, limits: EvidenceRules
+    evidence: Evidence,
+    segments: Segments,
+    max_residual: float,
+    weights: Weights,
+    limits: EvidenceRules,
+    known: tuple[Separation, ...] = (),
 ) -> Terms:
     """The terms of all surfaces and cells, with what echoes and penetration tell in this very scan.
 
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
-    separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
+    separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]). What is
+    `known` of the scan from another placement of the cells is not measured again.
     """
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     seen, most = evidence.candidate, limits.most_log_ratio
@@ -324,18 +338,21 @@ def measured_terms(
     even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
     several, through = evidence.multi_return_share, evidence.penetration
     inner = least_around(several, seen), least_around(through, seen)  # surfaces are judged by their inside
-    of_seen, values = of_cells[seen], [measure[seen] for measure in (several, through, *inner)]
-    echoes = penetration = inner_echoes = inner_penetration = nothing()
-    for rounds_left in range(limits.rounds, -1, -1):
-        told = Told(segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration, most)
+    of_inner = [mean_in(segments.label, segments.count, measure) for measure in inner]
+    weighed = weigh_shape(of_cells, weights)
+    values = [measure[seen] for measure in (several, through, *inner)]
+    measures = known or (nothing(),) * len(values)
+    for rounds_left in range(0 if known else limits.rounds, -1, -1):
+        echoes, penetration, inner_echoes, inner_penetration = measures
+        told = Told(of_inner[0], of_inner[1], inner_echoes, inner_penetration, most)
         surface = without_objections(with_echoes(of_surfaces, told), even, weights)
         if not rounds_left:
             break
         of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][segments.label[seen]]
-        of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
+        of_cell = cell_odds(weighed, Told(values[0], values[1], echoes, penetration, most), weights)
         likely = 1.0 / (1.0 + np.exp(-np.where(large[seen], of_surface, of_cell)))
-        echoes, penetration, inner_echoes, inner_penetration = (separate(value, likely) for value in values)
-    return Terms(surface, of_cells, Told(several, through, echoes, penetration, most), large)
+        measures = tuple(separate(value, likely) for value in values)
+    return Terms(surface, of_cells, Told(values[0], values[1], echoes, penetration, most), large, measures)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:

@@ -166,8 +166,8 @@ def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: f
     `depth` (m) over its lowest point, or unknown.
 
     A slope goes on: a cell of the ring counts as high as the surface is halfway to the cell across, but no
-    higher than where what falls from it to the cell twice as far leads back to; where there is no cell across,
-    at the rim of a scan, as high as these two lead to. A plane is met as it is.
+    higher than where what falls from it to the cell twice as far leads back to. With no cell across, at the
+    rim of a scan, it counts as high as these two lead to. A plane is met as it is.
     """
     around, count, as_low, least = np.empty(len(ring)), 0, 0, lowest[row, column] + depth
     for k in range(len(ring)):
