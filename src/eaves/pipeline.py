@@ -7,8 +7,8 @@ open_run ─→ read ─→ replace ─→ wide ─→ ground ─→ regions ─
                                          buffer    regions             solids
 ```
 
-Each step is a function of `flow/region.py` on one region, which keeps its results with their keys in the
-region's store (`run/store.py`, `run/keys.py`): what is found there by its key is not computed.
+Each step is a function of `flow/region.py` on one region. Those whose results are kept are declared in
+`flow/steps.py`: what is found by its key in the region's store is not computed (`flow/step.py`).
 """
 
 from __future__ import annotations
@@ -222,8 +222,6 @@ def find_plans(region: Region) -> list[OwnedBuildings]:
     """Every step from the points to the buildings of the region's core before they are modelled."""
     todo, done = region.own_blocks, list[Block]()
     while todo:
-        steps.find_wide(region, todo)
-        steps.find_ground(region, todo)
         steps.find_regions(region, todo)
         done += todo
         todo = steps.blocks_ahead(region, done)

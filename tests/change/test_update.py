@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import laspy
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 import shapely
 from pyproj import CRS
 
+from eaves.blocks.superseded import GAP_CELLS, find_superseded, load_scans, pair_same, see_scans
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.change.upkeep.kept import open_kept
 from eaves.change.upkeep.rebuild import rebuild
@@ -24,10 +26,11 @@ from eaves.formats import InputError, read_polygons
 from eaves.model import Block
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.pipeline import build
+from eaves.run.keys import SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import check_folder
-from eaves.run.replace import GAP_CELLS, keep_gone, pair_same, replace_in
-from eaves.run.store import RECORD, Store, Task
+from eaves.run.store import RECORD, Store
+from eaves.run.world_squares import ring
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
 from tests.change.test_compare import GONE, RAISED, later_roofs
@@ -56,6 +59,13 @@ def store_with(folder: Path, old: np.ndarray, *new: np.ndarray) -> Store:
     return store
 
 
+def superseded(store: Store) -> dict[str, np.ndarray]:
+    """What the points of the second file take the place of in the block."""
+    scans = {block: load_scans(store, block) for block in ring(HOME)}
+    parameters = SimpleNamespace(generations=(1,))
+    return find_superseded(see_scans(HOME, scans, parameters), parameters)
+
+
 def test_points_alike_are_paired_one_to_one() -> None:
     old = points_at((1, 1, 0), (1, 1, 0), (2, 2, 0))
     new = points_at((2, 2, 0), (1, 1, 0), (2, 2, 0), (3, 3, 0))
@@ -71,9 +81,9 @@ def test_earlier_points_give_way_in_gaps_up_to_their_width_alone(
     west = [(x + 0.5, y + 0.5, 0.0) for x in range(5) for y in range(9)]
     new = points_at(*west, *((x + 5 + gap, y, z) for x, y, z in west))
     store = store_with(tmp_path, points_at((6.5, 4.5, 1.0), (30.5, 4.5, 1.0)), new)
-    gone, counts = replace_in(store, HOME, (1,))
-    assert gone.tolist() == ([] if stays else [0])
-    assert counts == (len(new), 1 - stays)
+    result = superseded(store)
+    assert result["id"].tolist() == ([] if stays else [0])
+    assert result["counts"].tolist() == [len(new), 1 - stays]
 
 
 def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_path: Path) -> None:
@@ -84,7 +94,7 @@ def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_pa
     left = []
     for k, tiles in enumerate(((new,), (new[cut], new[~cut]), (new[~cut], new[cut]))):
         store = store_with(tmp_path / str(k), old, *tiles)
-        keep_gone(Task(HOME, ""), store, (1,))
+        store.save(SUPERSEDED, HOME, superseded(store))
         left.append(sorted(map(tuple, store.read_points(HOME)["xyz"].tolist())))
         assert store.count_points(HOME) == len(left[-1])
     assert left[0] == left[1] == left[2]
@@ -94,7 +104,7 @@ def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_pa
 def test_a_tile_delivered_again_changes_nothing(tmp_path: Path) -> None:
     old = points_at(*(np.random.default_rng(6).random((200, 3)) * 20))
     store = store_with(tmp_path, old, old[::-1])
-    keep_gone(Task(HOME, ""), store, (1,))
+    store.save(SUPERSEDED, HOME, superseded(store))
     assert np.array_equal(store.read_points(HOME), old)
 
 

@@ -1,23 +1,43 @@
-"""A key cannot lie: what a step runs, takes and reads is in its key, and nothing else is."""
+"""A key cannot lie: what a step runs, takes and reads is in its key, and nothing else reaches it."""
 
 from __future__ import annotations
 
 import ast
 import shutil
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import eaves
-from eaves.model import CoordinateSystem
-from eaves.recipe.recipe import Recipe, make_recipe
+from eaves.flow.region import Region, open_region
+from eaves.flow.run import Run, no_progress, open_run
+from eaves.flow.step import Input, Step, home_of
+from eaves.flow.steps import STEPS
+from eaves.model import Block
+from eaves.pipeline import bring_points, build_run, end_run, find_buildings, hold_folder
+from eaves.reconstruct.overhangs import OverhangRules
 from eaves.run.code import Sources, package_sources
-from eaves.run.keys import POINTS, STEPS, Step, modules_of
+from eaves.run.part_file import load_arrays
+from eaves.run.workers import Outcome, Workers
 
 PACKAGE = Path(eaves.__file__).parent
-EVERY = (POINTS, *STEPS)
-METRES = CoordinateSystem()
+SIDE = 60.0
+by_name = pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)
+
+
+@pytest.fixture(scope="module")
+def kept(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run over several blocks that keeps its results."""
+    folder = tmp_path_factory.mktemp("kept") / "out"
+    run = replace(open_run(nine_roofs_file, folder, keep=True, outputs=("models",)), side=SIDE)
+    with hold_folder(run) as workers:
+        end_run(run, build_run(run, workers))
+    return replace(run.with_options(resume=True), generations=(7,))
 
 
 @pytest.fixture
@@ -27,56 +47,66 @@ def tree(tmp_path: Path) -> Path:
     return tmp_path / "eaves"
 
 
-def modules_run(step: Step, recipe: Recipe) -> set[str]:
-    """The modules that a step may run."""
-    values = [getattr(recipe, name) for name in step.parameters]
-    return package_sources().closure([step.module, *(name for value in values for name in modules_of(value))])
-
-
-def keys_in(tree: Path, recipe: Recipe) -> dict[str, str]:
+def keys_in(tree: Path, run: Run) -> dict[str, str]:
     """Step → its key with the code of a tree."""
     sources = Sources(tree)
-    return {step.name: step.key(recipe, METRES, sources) for step in EVERY}
+    return {step.name: step.key(run, sources) for step in STEPS}
 
 
-@pytest.mark.parametrize("step", EVERY, ids=lambda step: step.name)
-def test_a_line_of_its_code_changes_the_key_of_a_step_and_of_those_that_run_it(
-    step: Step, tree: Path
-) -> None:
-    recipe = make_recipe()
-    before = keys_in(tree, recipe)
-    file = tree.joinpath(*step.module.split(".")[1:]).with_suffix(".py")
+def add_line(file: Path) -> None:
     file.write_text(file.read_text(encoding="utf-8") + "\nANOTHER_LINE = 1\n", encoding="utf-8")
-    after = keys_in(tree, recipe)
-    changed = {name for name, key in after.items() if before[name] != key}
-    assert changed == {one.name for one in EVERY if step.module in modules_run(one, recipe)}
-    assert step.name in changed
+
+
+def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
+    return {name for name, key in after.items() if before[name] != key}
+
+
+@by_name
+def test_a_line_of_its_code_changes_the_key_of_a_step_and_of_those_that_run_it(
+    step: Step, kept: Run, tree: Path
+) -> None:
+    before, module = keys_in(tree, kept), step.run.__module__
+    add_line(tree.joinpath(*module.split(".")[1:]).with_suffix(".py"))
+    runs_it = {one.name for one in STEPS if module in package_sources().closure(one.modules(kept))}
+    assert changed(before, keys_in(tree, kept)) == runs_it
+    assert step.name in runs_it
 
 
 @pytest.mark.parametrize(
-    ("module", "method"),
-    [("ground/adaptive_tin/method.py", {}), ("detect/normal_echo.py", {"detect": "normal_echo"})],
+    ("module", "methods", "step"),
+    [
+        ("ground/adaptive_tin/method.py", {}, "ground"),
+        ("detect/normal_echo.py", {"detect": "normal_echo"}, "regions"),
+        ("reconstruct/prism.py", {"reconstruct": "prism"}, "buildings"),
+    ],
 )
-def test_the_code_of_a_method_is_in_the_keys_of_the_steps_that_are_given_it(
-    module: str, method: dict[str, str], tree: Path
+def test_the_code_of_a_method_is_in_the_keys_of_the_steps_that_are_given_it_alone(
+    module: str, methods: dict[str, str], step: str, kept: Run, tree: Path
 ) -> None:
-    with_method, without = make_recipe(method), make_recipe({"ground": "contours", "detect": "contours"})
-    before = keys_in(tree, with_method), keys_in(tree, without)
-    file = tree / module
-    file.write_text(file.read_text(encoding="utf-8") + "\nANOTHER_LINE = 1\n", encoding="utf-8")
-    after = keys_in(tree, with_method), keys_in(tree, without)
-    step = "ground" if module.startswith("ground") else "blocks"
-    assert before[0][step] != after[0][step]
-    assert before[1] == after[1]
+    given = replace(kept, recipe=eaves.make_recipe(methods))
+    others = {"ground": "contours", "detect": "contours", "reconstruct": "maas_vosselman"}
+    without = replace(kept, recipe=eaves.make_recipe(others))
+    before = keys_in(tree, given), keys_in(tree, without)
+    add_line(tree / module)
+    assert step in changed(before[0], keys_in(tree, given))
+    assert not changed(before[1], keys_in(tree, without))
 
 
-def test_comments_docstrings_and_formatting_change_no_key(tree: Path) -> None:
-    recipe = make_recipe()
-    before = keys_in(tree, recipe)
+def test_a_detector_does_not_reach_the_ground_nor_a_roof_the_regions(kept: Run, tree: Path) -> None:
+    before = keys_in(tree, kept)
+    add_line(tree / "roof" / "global_refinement" / "method.py")
+    assert changed(before, keys_in(tree, kept)) == {"buildings"}
+    before = keys_in(tree, kept)
+    add_line(tree / "detect" / "consensus" / "method.py")
+    assert changed(before, keys_in(tree, kept)) == {"regions"}
+
+
+def test_comments_docstrings_and_formatting_change_no_key(kept: Run, tree: Path) -> None:
+    before = keys_in(tree, kept)
     for file in tree.rglob("*.py"):
         content = ast.unparse(ast.parse(file.read_text(encoding="utf-8")))
         file.write_text(f'"""Another docstring."""\n# a comment\n{content}\n', encoding="utf-8")
-    assert keys_in(tree, recipe) == before
+    assert keys_in(tree, kept) == before
 
 
 def test_a_digest_that_is_kept_is_that_of_the_file_as_it_stands(tree: Path, tmp_path: Path) -> None:
@@ -84,15 +114,151 @@ def test_a_digest_that_is_kept_is_that_of_the_file_as_it_stands(tree: Path, tmp_
     first = Sources(tree, table).digest(["eaves.blocks.block"])
     assert table.exists()
     assert Sources(tree, table).digest(["eaves.blocks.block"]) == first
-    file = tree / "raster" / "surfaces.py"
-    file.write_text(file.read_text(encoding="utf-8") + "\nANOTHER_LINE = 1\n", encoding="utf-8")
+    add_line(tree / "raster" / "surfaces.py")
     assert Sources(tree, table).digest(["eaves.blocks.block"]) != first
     table.write_text("{")
     assert Sources(tree, table).digest(["eaves.blocks.block"]) != first
 
 
-@pytest.mark.parametrize("step", EVERY, ids=lambda step: step.name)
-def test_the_reference_system_is_in_the_key_of_every_step(step: Step) -> None:
-    recipe = make_recipe()
-    feet = replace(METRES, horizontal_unit_m=0.3048)
-    assert step.key(recipe, METRES) != step.key(recipe, feet)
+def with_recipe(**fields: Any) -> Callable[[Run], Run]:
+    return lambda run: replace(run, recipe=replace(run.recipe, **fields))
+
+
+def with_method(stage: str, **parameters: Any) -> Callable[[Run], Run]:
+    def change(run: Run) -> Run:
+        method = getattr(run.recipe, stage).model_copy(update=parameters)
+        return replace(run, recipe=replace(run.recipe, **{stage: method}))
+
+    return change
+
+
+CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
+    "a number of the ground filter": (with_method("ground", angle=9.0), {"large", "ground"}),
+    "a number of the detector": (with_method("detect", min_height=2.1), {"regions"}),
+    "the outline": (with_recipe(outline=eaves.AlphaShape()), {"buildings"}),
+    "the units": (with_recipe(units=None), {"buildings"}),
+    "the roof": (with_recipe(roof=eaves.RegionGrowing()), {"buildings"}),
+    "the reconstruction": (with_recipe(reconstruct=eaves.Prism()), {"buildings"}),
+    "the level": (with_recipe(lod="1.2"), {"buildings"}),
+    "overhangs": (with_recipe(lod="2.3"), {"regions", "buildings"}),
+    "limits of overhangs": (
+        with_recipe(overhangs=replace(OverhangRules(), **{next(iter(vars(OverhangRules()))): 0.123})),
+        {"buildings"},
+    ),
+    "the classes of the files": (
+        with_recipe(use_classes=True),
+        {"large", "decks", "ground", "regions"},
+    ),
+    "the numbers of the ground": (with_recipe(ground_classes=(2, 8)), {"ground"}),
+    "vegetation": (with_recipe(vegetation=None), {"regions"}),
+    "water, wires and bridges": (with_recipe(others=False), {"regions"}),
+    "snapping": (lambda run: run.with_options(snap_footprints=True), {"buildings"}),
+    "later scans": (lambda run: replace(run, generations=(3,)), {"superseded"}),
+    "an output": (lambda run: run.with_options(outputs=("footprints",)), set()),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_parameter_changes_the_keys_of_the_steps_that_read_it_alone(name: str, kept: Run) -> None:
+    change, expected = CHANGES[name]
+    other = change(kept)
+    assert {step.name for step in STEPS if step.key(kept) != step.key(other)} == expected
+
+
+@by_name
+def test_the_reference_system_is_in_the_key_of_every_step(step: Step, kept: Run) -> None:
+    feet = replace(kept.index, system=replace(kept.index.system, horizontal_unit_m=0.3048))
+    assert step.key(kept) != step.key(replace(kept, index=feet))
+
+
+@by_name
+def test_a_function_is_given_the_parameters_that_its_step_declares_and_no_others(
+    step: Step, kept: Run
+) -> None:
+    assert set(vars(step.parameters(kept))) == {"system", *step.reads}
+
+
+class Recorder(Workers):
+    """Workers that note which units of which steps they compute."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.units: dict[str, set[Block]] = {}
+
+    def run(self, work: Any, tasks: Sequence[Any]) -> Iterator[Outcome]:
+        if isinstance(work, partial) and hasattr(work.func, "step"):
+            homes = {home_of(unit) for unit, _ in tasks}
+            self.units.setdefault(work.func.step.name, set()).update(homes)
+        return super().run(work, tasks)
+
+
+@dataclass
+class Again:
+    """A kept run that is opened again, and the units that it computes."""
+
+    run: Run
+    workers: Recorder = field(default_factory=Recorder)
+
+    def opened(self) -> Region:
+        region = open_region(self.run, self.workers, no_progress)
+        bring_points(region)
+        return region
+
+    def computed(self, region: Region) -> dict[str, set[Block]]:
+        find_buildings(region)
+        assert not region.failed
+        return {name: units for name, units in self.workers.units.items() if units}
+
+
+@pytest.fixture
+def again(kept: Run, tmp_path: Path) -> Again:
+    shutil.copytree(kept.folder, tmp_path / "out")
+    return Again(replace(kept, folder=tmp_path / "out", generations=()))
+
+
+def test_nothing_changed_nothing_is_computed(again: Again) -> None:
+    assert again.computed(again.opened()) == {}
+
+
+INPUTS = [(step, one) for step in STEPS[1:] for one in step.takes]
+"""The points of later scans have tests of their own (tests/change)."""
+
+
+def reaches(one: Input, run: Run, unit: Block, square: Block) -> bool:
+    """Whether an input of a unit reaches a square."""
+    recipe = run.recipe
+    widths = {
+        "wide_buffer": 600.0,
+        "ground.buffer": recipe.ground.buffer,
+        "scene_buffer": recipe.scene_buffer,
+    }
+    near = unit.bounds.buffered(one.rings * SIDE if one.reach is None else widths[one.reach])
+    west, south, east, north = vars(square.bounds).values()
+    return near.west < east and west < near.east and near.south < north and south < near.north
+
+
+@pytest.mark.parametrize(("step", "one"), INPUTS, ids=lambda value: getattr(value, "name", ""))
+def test_a_changed_input_is_looked_at_by_the_units_that_it_reaches_and_by_no_others(
+    step: Step, one: Input, again: Again
+) -> None:
+    region = again.opened()
+    store = region.store
+    if one.source is None:
+        square = region.blocks[0]
+        region.points_keys = {**region.points_keys, square.name: "another"}
+    else:
+        square = store.units(one.source.name, one.source.side or SIDE)[0]
+        mark = store.mark(one.source.name, square)
+        assert mark is not None
+        arrays = {**load_arrays(store.path(one.source.name, square)), "another": np.zeros(1)}
+        store.save(one.source.name, square, arrays, mark.read, mark.taken, mark.step)
+    units = set(store.units(step.name, step.side or SIDE))
+    computed = again.computed(region)
+    same = [other for other in step.takes if other.source is one.source]
+    expected = {unit for unit in units if any(reaches(other, again.run, unit, square) for other in same)}
+    if step.name == "buildings":  # of blocks around all that their buildings lie in
+        assert expected <= computed[step.name]
+    else:
+        assert computed[step.name] == expected
+    if one.source is not None:
+        assert one.source.name not in computed

@@ -16,8 +16,6 @@ import pytest
 from tests.conftest import build_in_blocks
 from tests.run.test_long_buildings import features
 
-from eaves.blocks import block
-from eaves.buildings import owned
 from eaves.flow import outputs
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
@@ -39,12 +37,14 @@ def right(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> di
     return features([out / "buildings.city.jsonl"])
 
 
-def full_from(call: int, real: Callable[..., Any], error: Exception = FULL) -> Callable[..., Any]:
-    """A function that fails from its n-th call on, as on a disk that is filling."""
+def full_from(
+    call: int, real: Callable[..., Any], error: Exception = FULL, step: str | None = None
+) -> Callable[..., Any]:
+    """A function that fails from its n-th call on, or that for a step, as on a disk that is filling."""
     calls = []
 
     def fails(*words: Any, **named: Any) -> Any:
-        calls.append(1)
+        calls.extend([1] * (step is None or words[1] == step))
         if len(calls) >= call:
             raise error
         return real(*words, **named)
@@ -52,7 +52,7 @@ def full_from(call: int, real: Callable[..., Any], error: Exception = FULL) -> C
     return fails
 
 
-@pytest.mark.parametrize("stage", ["points", "blocks", "buildings", "footprints", "models"])
+@pytest.mark.parametrize("stage", ["points", "regions", "buildings", "footprints", "models"])
 def test_a_run_on_a_full_disk_is_finished_by_the_next(
     stage: str,
     nine_roofs_file: Path,
@@ -62,12 +62,14 @@ def test_a_run_on_a_full_disk_is_finished_by_the_next(
 ) -> None:
     place, name, call, error = {
         "points": (partition.SliceWriter, "append", 2, FULL),
-        "blocks": (block, "save_block", 3, FULL),
-        "buildings": (owned, "save_buildings", 2, FULL),
+        "regions": (Store, "save", 3, FULL),
+        "buildings": (Store, "save", 2, FULL),
         "footprints": (outputs, "write_geopackage", 1, SQLITE_FULL),
         "models": (outputs, "write_cityjson_seq", 1, FULL),
     }[stage]
-    monkeypatch.setattr(place, name, full_from(call, getattr(place, name), error))
+    monkeypatch.setattr(
+        place, name, full_from(call, getattr(place, name), error, stage if place is Store else None)
+    )
     with pytest.raises(DiskFullError, match=r"the disk is full.*--resume") as told:
         build(nine_roofs_file, tmp_path)
     assert "\n" not in str(told.value)
@@ -76,24 +78,24 @@ def test_a_run_on_a_full_disk_is_finished_by_the_next(
         path for path in tmp_path.iterdir() if path.name.startswith(".") and path.name != ".eaves-work"
     ]
     monkeypatch.undo()
-    done = list((tmp_path / ".eaves-work" / "blocks").iterdir())
+    done = list((tmp_path / ".eaves-work").glob("regions/*"))
     computed = count_blocks(monkeypatch)
     assert build(nine_roofs_file, tmp_path, resume=True).complete
     assert features([tmp_path / "buildings.city.jsonl"]) == right
     assert bool(done) == (stage not in ("points",))
-    if stage not in ("points", "blocks"):
+    if stage not in ("points", "regions"):
         assert not computed
 
 
 def count_blocks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the blocks computed from now on."""
-    real, computed = block.save_block, list[int]()
+    real, computed = Store.save, list[int]()
 
-    def counted(store: Store, *words: Any) -> None:
-        computed.append(1)
-        real(store, *words)
+    def counted(store: Store, step: str, *words: Any) -> None:
+        computed.extend([1] * (step == "regions"))
+        real(store, step, *words)
 
-    monkeypatch.setattr(block, "save_block", counted)
+    monkeypatch.setattr(Store, "save", counted)
     return computed
 
 

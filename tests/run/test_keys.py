@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -11,27 +11,25 @@ import shapely
 
 from eaves import pipeline
 from eaves.buildings import owned
+from eaves.flow.steps import STEPS
 from eaves.formats import InputError
-from eaves.model import CoordinateSystem
-from eaves.recipe.recipe import Recipe, make_recipe
-from eaves.run.keys import BLOCKS, BUILDINGS, STEPS, key_of
+from eaves.recipe.recipe import Recipe
+from eaves.run.keys import key_of
 
-FOLLOWING = {"sees_wide": "ground", "keeps_low": "lod"}
+FOLLOWING = {
+    "sees_wide": "ground",
+    "wide_buffer": "ground",
+    "scene_buffer": "detect",
+    "marks_vegetation": "vegetation",
+    "marks_others": "others",
+    "keeps_low": "lod",
+}
 """What steps read of a recipe that follows from its fields."""
 
 
 def test_every_parameter_is_read_by_a_step() -> None:
-    read = {FOLLOWING.get(name, name) for step in STEPS for name in step.parameters}
-    assert read == {field.name for field in fields(Recipe)}
-
-
-def test_a_parameter_changes_the_key_of_the_steps_that_read_it_alone() -> None:
-    one = make_recipe()
-    other = replace(one, lod="1.2")
-    system = CoordinateSystem()
-    changed = [step.name for step in STEPS if step.key(one, system) != step.key(other, system)]
-    assert changed == [BUILDINGS.name]
-    assert BLOCKS.key(one, system) != BLOCKS.key(make_recipe({"detect": "normal_echo"}), system)
+    read = {FOLLOWING.get(name, name) for step in STEPS for name in step.reads}
+    assert {field.name for field in fields(Recipe)} == read - {"generations", "snap_footprints"}
 
 
 def test_a_key_tells_values_apart_to_the_last_bit() -> None:
@@ -61,13 +59,13 @@ def test_another_level_finds_the_blocks_of_a_run_that_was_stopped(
         with pytest.raises(ZeroDivisionError):
             pipeline.build(nine_roofs_file, tmp_path, lod="1.2")
     kept = tmp_path / ".eaves-work"
-    before = {path: path.stat().st_mtime_ns for path in kept.glob("blocks/*.npz")}
+    before = {path: path.stat().st_mtime_ns for path in kept.glob("regions/*.npz")}
     made = []
     real = owned.building_pass
     monkeypatch.setattr(owned, "building_pass", lambda *words: made.append(1) or real(*words))
     summary = pipeline.build(nine_roofs_file, tmp_path, lod="1.3", resume=True, keep=True)
     assert summary.complete and summary.found == 9 and made
-    assert {path: path.stat().st_mtime_ns for path in kept.glob("blocks/*.npz")} == before != {}
+    assert {path: path.stat().st_mtime_ns for path in kept.glob("regions/*.npz")} == before != {}
 
 
 def test_what_another_version_left_is_refused_in_one_line(nine_roofs_file: Path, tmp_path: Path) -> None:

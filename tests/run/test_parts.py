@@ -97,9 +97,9 @@ def cut(path: Path) -> None:
     [
         ("points/*/*.bin", cut),
         ("parts/*.json", cut),
-        ("blocks/*.npz", lambda path: path.write_bytes(b"")),
+        ("regions/*.npz", lambda path: path.write_bytes(b"")),
         ("buildings/*.npz", cut),
-        ("blocks/*.key", cut),
+        ("regions/*.key", cut),
     ],
 )
 def test_a_damaged_part_is_named_and_computed_again(
@@ -112,7 +112,7 @@ def test_a_damaged_part_is_named_and_computed_again(
 ) -> None:
     out = tmp_path / "out"
     shutil.copytree(kept, out)
-    for step in ("parts", "blocks", "buildings"):  # as a writer that was killed leaves them
+    for step in ("parts", "regions", "buildings"):  # as a writer that was killed leaves them
         (out / ".eaves-work" / step / ".0_0.npz.half").mkdir()
         (out / ".eaves-work" / step / ".0_0.npz.half" / "0_0.npz").touch()
     broken = next((out / ".eaves-work").glob(what))

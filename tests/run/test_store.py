@@ -10,6 +10,7 @@ import pytest
 from eaves.formats import Chunk
 from eaves.model import Block, Bounds, PointCloud
 from eaves.run.partition import SliceWriter, Window, partition_chunk
+from eaves.run.points import load_window
 from eaves.run.store import Store
 
 
@@ -32,7 +33,8 @@ def test_a_window_has_its_points_in_canonical_order(tmp_path: Path, side: float,
     bounds = block.bounds.buffered(reach)
     inside = np.flatnonzero(bounds.contains(world))
     right = PointCloud.from_world(world[inside], block.origin, point_id=inside).in_canonical_order()
-    cloud, number = store.load_points(block, reach)
+    window = load_window(store, block, reach)
+    cloud, number = window.cloud, window.inside
     assert cloud.ordered and np.array_equal(cloud.point_id, right.point_id)
     assert np.allclose(cloud.xyz, right.xyz, atol=1e-6)
     core = Bounds(0.0, 0.0, side, side).contains(cloud.xyz)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.blocks.block_file import save_block
-from eaves.blocks.wide import load_decks, load_wide
+from eaves.blocks.block_file import block_arrays
+from eaves.blocks.large import large_objects
 from eaves.detect import detect_buildings
 from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import COARSEST_M
-from eaves.ground.toolkit.wide_objects import WideObjects
-from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
+from eaves.ground.toolkit.wide_objects import Patch
+from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
 from eaves.model.block import SEAM
 from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
 from eaves.model.doubt import Doubt
@@ -23,9 +23,7 @@ from eaves.model.results import BlockResult
 from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
 from eaves.run.clock import Clock
-from eaves.run.keys import BLOCKS
-from eaves.run.keys import GROUND as GROUND_STEP
-from eaves.run.store import SECONDS, Store, Task
+from eaves.run.points import PointWindow
 from eaves.surroundings.decks import Decks, wet_or_bridged
 from eaves.surroundings.vegetation import vegetation_classes
 from eaves.surroundings.wires import find_towers, find_wires
@@ -38,20 +36,22 @@ def block_pass(
     cloud: PointCloud,
     block: Block,
     recipe: Recipe,
-    wide: WideObjects | None = None,
+    beneath: Points | None = None,
+    doubts: Sequence[Doubt] = (),
     decks: Sequence[Decks] = (),
 ) -> BlockResult:
     """Rasters and regions of one block.
 
     `cloud` bears the classes of the ground stage. It must hold the points of the block and of its
     surroundings up to `recipe.scene_buffer`, and no others: then the result does not depend on the files or
-    tiles they came from. `wide` is what stands over the terrain, where that was looked for. `decks` are
-    those of bridges: ground to stand on for the detector, and no terrain.
+    tiles they came from. `beneath` is the terrain (K, 3) beneath large objects, where these were looked for,
+    and `doubts` are those about them. `decks` are those of bridges: ground to stand on for the detector, and
+    no terrain.
     """
     clock = Clock()
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = core.buffered(recipe.scene_buffer)
-    scene, on_decks, wires = see_block(cloud, block, recipe, wide, decks)
+    scene, on_decks, wires = see_block(cloud, block, recipe, beneath, decks)
     cloud = scene.cloud
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
@@ -89,7 +89,7 @@ def block_pass(
         doubts=(
             *(doubt.translated(*block.origin) for doubt in regions.doubts if holds(core, doubt)),
             *doubts_within(cloud, block.bounds),
-            *(() if wide is None else wide.doubts_in(block.bounds)),
+            *doubts,
             *(doubt for one in decks for doubt in one.cropped(block.bounds).doubts),
         ),
         seconds=clock.laps,
@@ -97,40 +97,50 @@ def block_pass(
     )
 
 
-def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
-    """The block pass for one block, kept in the store."""
-    block = task.unit
-    cloud, wide, decks, number = load_block(block, store, recipe)
-    seen = block.bounds.buffered(recipe.scene_buffer)
-    beneath: list[object] = [one.cropped(seen.buffered(COARSEST_M)) for one in decks]
-    if wide is not None:
-        local = seen.translated(-block.origin[0], -block.origin[1])
-        beneath += [wide.terrain_beneath(local, block.origin), wide.doubts_in(block.bounds)]
-    taken = store.key_of(BLOCKS.key(recipe, store.system), cloud, beneath)
-    if store.recalls(BLOCKS, block, task.read, taken):
-        return
-    result = block_pass(cloud, block, recipe, wide, decks)
-    result.seconds["ground"] = float(store.array(GROUND_STEP, block, SECONDS))
-    save_block(store, result, number, task.read, taken)
+@dataclass(frozen=True, eq=False)
+class BlockView:
+    """All that decides the rasters and regions of a block: its points with those around, with classes; the
+    file (K,) of each of those inside, where there are several; the terrain (M, 3) beneath large objects,
+    their doubts in the block, and decks near it."""
+
+    block: Block
+    cloud: PointCloud
+    file: NDArray[Any]
+    beneath: Points | None
+    doubts: tuple[Doubt, ...]
+    decks: tuple[Decks, ...]
 
 
-def load_block(
-    block: Block, store: Store, recipe: Recipe
-) -> tuple[PointCloud, WideObjects | None, tuple[Decks, ...], NDArray[np.int32]]:
-    """The points, the wide objects and the decks that `block_pass` takes, from the store, and the numbers of
-    the block's points in its files."""
-    seen = block.bounds.buffered(recipe.scene_buffer)
-    wide = load_wide(store, seen) if recipe.sees_wide else None
-    decks = load_decks(store, seen) if recipe.sees_wide and recipe.marks_others else ()
-    cloud, number = store.load_points(block, recipe.scene_buffer, classified=True)
-    return cloud, wide, decks, number
+def see_regions(
+    block: Block,
+    points: PointWindow,
+    ground: Mapping[Block, Mapping[str, NDArray[np.uint8]]],
+    large: Mapping[Block, tuple[Patch, ...]],
+    decks: Mapping[Block, tuple[Decks, ...]],
+    parameters: Any,
+) -> BlockView:
+    """What decides the rasters and regions of a block."""
+    seen = block.bounds.buffered(parameters.scene_buffer)
+    beneath, doubts = None, tuple[Doubt, ...]()
+    if parameters.sees_wide:
+        objects = large_objects(large)
+        beneath = objects.terrain_beneath(seen.translated(-block.origin[0], -block.origin[1]), block.origin)
+        doubts = objects.doubts_in(block.bounds)
+    near = tuple(deck.cropped(seen.buffered(COARSEST_M)) for square in decks for deck in decks[square])
+    return BlockView(block, points.with_ground(ground), points.file, beneath, doubts, near)
+
+
+def find_regions(seen: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
+    """Rasters and regions of a block, as `BlockFile` reads them."""
+    result = block_pass(seen.cloud, seen.block, parameters, seen.beneath, seen.doubts, seen.decks)
+    return block_arrays(result) | {"from_file": seen.file}
 
 
 def see_block(
     cloud: PointCloud,
     block: Block,
     recipe: Recipe,
-    wide: WideObjects | None = None,
+    beneath: Points | None = None,
     decks: Sequence[Decks] = (),
 ) -> tuple[Scene, Scene, Mask]:
     """The scene of a block; the one that the detector sees, on the decks of bridges and without wires; the
@@ -140,7 +150,6 @@ def see_block(
     """
     cloud = cloud.about(block.origin).in_canonical_order()
     seen = Bounds(0.0, 0.0, block.side, block.side).buffered(recipe.scene_buffer)
-    beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
     other = wet_or_bridged(cloud, decks)
     on_deck = other == BRIDGE_DECK
     cloud = with_classes(cloud, other)

@@ -17,7 +17,7 @@ from eaves.model.cloud import BUILDING, GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
-from eaves.run.keys import BLOCKS
+from eaves.run.keys import REGIONS
 from eaves.run.part_file import open_part
 from eaves.run.store import Store
 
@@ -124,19 +124,9 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     }
 
 
-def save_block(store: Store, result: BlockResult, number: NDArray[np.int32], read: str, taken: str) -> None:
-    """Keep the result of the block pass in one block, whose points have such numbers in its files."""
-    ends = np.cumsum([len(records) for records in store.map_points(result.block)])
-    file: NDArray[Any] = np.zeros(0, np.uint8)
-    if len(ends) > 1:
-        file = np.searchsorted(ends, number, "right")
-        file = file.astype(np.min_scalar_type(len(ends)))
-    store.save(BLOCKS, result.block, block_arrays(result) | {"from_file": file}, read, taken)
-
-
 def open_block(store: Store, block: Block) -> BlockFile:
     """The result of the block pass in one block; to be used in a `with` statement."""
-    return BlockFile(store.path(BLOCKS, block), block, store)
+    return BlockFile(store.path(REGIONS, block), block, store)
 
 
 def block_json(value: object) -> NDArray[np.uint8]:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.blocks.wide import load_wide
+from eaves.blocks.large import large_objects
 from eaves.ground import classify_ground
-from eaves.ground.toolkit.wide_objects import WideObjects
-from eaves.model import Bounds, PointCloud
+from eaves.ground.toolkit.wide_objects import Patch, WideObjects
+from eaves.model import Block, Bounds, PointCloud
 from eaves.model.cloud import GROUND as GROUND_CLASS
 from eaves.model.cloud import UNCLASSIFIED
 from eaves.run.clock import Clock
-from eaves.run.keys import GROUND
-from eaves.run.store import SECONDS, Store, Task
+from eaves.run.points import PointWindow
+from eaves.run.store import SECONDS
 from eaves.run.world_squares import WIDE_SQUARE, around_squares
 
 if TYPE_CHECKING:
@@ -30,26 +32,41 @@ def seen_from(bounds: Bounds, recipe: Recipe, side: float) -> Bounds:
     return around_squares(near, WIDE_SQUARE).buffered(recipe.ground.wide_buffer)
 
 
-def keep_ground(task: Task, store: Store, recipe: Recipe) -> None:
-    """The ground of a block, kept in the store in the order of the block's files."""
-    block, reach = task.unit, recipe.ground.buffer
-    cloud, number = store.load_points(block, reach, ids=False)
-    bounds = block.bounds.buffered(reach)
-    wide = load_wide(store, bounds) if recipe.sees_wide else None
-    patches = () if wide is None else [one.cropped(bounds.buffered(one.cell)) for one in wide.patches]
-    taken = store.key_of(GROUND.key(recipe, store.system), cloud, number, patches)
-    if store.recalls(GROUND, block, task.read, taken):
-        return
+@dataclass(frozen=True, eq=False)
+class GroundView:
+    """All that decides the ground of a block: its points with those around, the numbers (K,) in its files of
+    those inside, and the large objects near them."""
+
+    block: Block
+    cloud: PointCloud
+    number: NDArray[np.int32]
+    large: WideObjects | None
+
+
+def see_ground(
+    block: Block, points: PointWindow, large: Mapping[Block, tuple[Patch, ...]], parameters: Any
+) -> GroundView:
+    """What decides the ground of a block."""
+    objects = None
+    if parameters.sees_wide:
+        bounds = block.bounds.buffered(parameters.ground.buffer)
+        patches = large_objects(large).patches
+        objects = WideObjects(tuple(patch.cropped(bounds.buffered(patch.cell)) for patch in patches))
+    return GroundView(block, points.cloud, points.inside, objects)
+
+
+def classify_block(seen: GroundView, parameters: Any) -> dict[str, NDArray[Any]]:
+    """Classes and, where the filter finds them, parts of a block's points, in the order of its files."""
     clock = Clock()
-    inside = np.flatnonzero(Bounds(0.0, 0.0, block.side, block.side).contains(cloud.xyz))
+    inside = np.flatnonzero(Bounds(0.0, 0.0, seen.block.side, seen.block.side).contains(seen.cloud.xyz))
+    results = classify_inside(seen.cloud, inside, seen.large, parameters)
     arrays: dict[str, NDArray[Any]] = {}
-    for name, values in zip(("class", "part"), classify_inside(cloud, inside, wide, recipe), strict=True):
+    for name, values in zip(("class", "part"), results, strict=True):
         if values is not None:
             arrays[name] = np.empty_like(values)
-            arrays[name][number] = values
+            arrays[name][seen.number] = values
     clock.lap("ground")
-    arrays[SECONDS] = np.array(clock.laps["ground"])
-    store.save(GROUND, block, arrays, task.read, taken)
+    return arrays | {SECONDS: np.array(clock.laps["ground"])}
 
 
 def classify_inside(

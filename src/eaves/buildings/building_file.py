@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eaves.figures.rows import BuildingRow
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
-from eaves.run.keys import BUILDINGS, EDITED, NAMED, Step
+from eaves.run.keys import BUILDINGS, EDITED, NAMED
 from eaves.run.part_file import open_part, pack_item, unpack_item
 from eaves.run.store import Store
 
@@ -132,17 +132,9 @@ def row_of(values: Mapping[str, Any]) -> BuildingRow:
     return BuildingRow(**values)
 
 
-def save_buildings(
-    store: Store,
-    layer: Step,
-    owner: Block,
-    results: Sequence[BuildingResult | SavedBuilding],
-    read: str = "",
-    taken: str = "",
-    keys: Sequence[str] = (),
-) -> None:
-    """Keep the buildings owned by one block in a layer; `keys` are those of what each follows from."""
-    store.save(layer, owner, building_arrays(results, keys), read, taken)
+def load_buildings(store: Store, owner: Block) -> list[SavedBuilding]:
+    """The buildings owned by one block, as the building step found them."""
+    return Kept(store, (BUILDINGS,)).saved(owner)
 
 
 @dataclass(frozen=True)
@@ -150,7 +142,7 @@ class Kept:
     """The buildings of a store, of each owner block those in the first of some layers that has it."""
 
     store: Store
-    layers: tuple[Step, ...] = (EDITED, NAMED, BUILDINGS)
+    layers: tuple[str, ...] = (EDITED, NAMED, BUILDINGS)
 
     def owners(self, side: float) -> list[Block]:
         """The blocks of a side (m) that own buildings, in order."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, TypeVar
@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.blocks.block_file import BlockFile, Candidates, open_block
+from eaves.blocks.block_file import BlockFile, Candidates
 from eaves.buildings.join import BuildingPlan, OwnedBuildings
 from eaves.footprints.snap import snap_footprints
 from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
@@ -20,8 +20,6 @@ from eaves.model.cloud import GRID_STEP, snap
 from eaves.model.results import BuildingPoints
 from eaves.model.scene import WALL
 from eaves.raster.surfaces import CELL
-from eaves.run.keys import BLOCKS
-from eaves.run.store import Store
 from eaves.run.world_squares import squares_touching
 
 T = TypeVar("T")
@@ -35,9 +33,9 @@ TRUSTED_SHARE = 0.2
 class Gatherer:
     """Reads the results of blocks as buildings need them, and keeps the last few."""
 
-    def __init__(self, store: Store, around: float | None = None) -> None:
+    def __init__(self, regions: Mapping[Block, BlockFile], around: float | None = None) -> None:
         self._around = around
-        read = partial(read_result, store)
+        read = partial(read_result, regions)
         self.candidates = lru_cache(4)(lambda block: read(block, BlockFile.candidates))
         self.terrain_of = lru_cache(16)(lambda block, name: read(block, lambda file: file.raster(name)))
 
@@ -172,11 +170,11 @@ class Gatherer:
         return Raster(values, float(west), float(north), CELL)
 
 
-def read_result(store: Store, block: Block, take: Callable[[BlockFile], T]) -> T | None:
+def read_result(regions: Mapping[Block, BlockFile], block: Block, take: Callable[[BlockFile], T]) -> T | None:
     """What is taken from the result of a block; None where it failed or has no points."""
-    if not store.has(BLOCKS, block):
+    if block not in regions:
         return None
-    with open_block(store, block) as file:
+    with regions[block] as file:
         return take(file)
 
 

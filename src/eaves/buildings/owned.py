@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
+
+from eaves.blocks.block_file import BlockFile
 from eaves.buildings.building import (
     broken_result,
     building_pass,
@@ -14,15 +17,14 @@ from eaves.buildings.building import (
     draw_footprints,
     find_doubtful,
 )
-from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
+from eaves.buildings.building_file import SavedBuilding, building_arrays
 from eaves.buildings.gather import MARGIN, Gatherer
 from eaves.buildings.join import OwnedBuildings
 from eaves.footprints.addresses import split_buildings
-from eaves.model import Failure, Footprint
+from eaves.model import Block, Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.run.clock import Clock
-from eaves.run.keys import BUILDINGS
-from eaves.run.store import Store, Task
+from eaves.run.keys import key_of
 
 if TYPE_CHECKING:
     from eaves.recipe.recipe import Recipe
@@ -30,59 +32,75 @@ if TYPE_CHECKING:
 log = logging.getLogger("eaves")
 
 
-def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False) -> None:
-    """The building pass for the buildings owned by one block, kept in the store.
+@dataclass(frozen=True, eq=False)
+class GatheredBuildings:
+    """All that decides the buildings of one owner block."""
 
-    A building that follows from the same as one that was there is taken over from it.
-    """
-    plan: OwnedBuildings = task.unit
-    owner, step = plan.owner_block, BUILDINGS.key(recipe, store.system)
-    gatherer = Gatherer(store, around=MARGIN if recipe.keeps_low else None)
-    if snap:
+    owner: Block
+    buildings: tuple[BuildingPoints | Failure, ...]
+    addresses: tuple[Footprint, ...]
+
+
+def see_buildings(
+    plan: OwnedBuildings, regions: Mapping[Block, BlockFile], points: object, parameters: Any
+) -> GatheredBuildings:
+    """What decides the buildings of an owner block: their points and what lies around them."""
+    gatherer = Gatherer(regions, around=MARGIN if parameters.keeps_low else None)
+    if parameters.snap_footprints:
         plan = gatherer.snapped(plan)
-    gathered = [gatherer.gather(owner, building) for building in plan.buildings]
-    before = {one.key: one for one in Kept(store, (BUILDINGS,)).saved(owner) if one.key}
-    taken = store.key_of(step, gathered, plan.addresses)
-    if store.recalls(BUILDINGS, owner, task.read, taken):
-        return
-    results: list[BuildingResult | SavedBuilding] = [
-        BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)
-    ]
-    keys = [""] * len(results)
-    whole = [building for building in gathered if not isinstance(building, Failure)]
+    owner = plan.owner_block
+    gathered = tuple(gatherer.gather(owner, building) for building in plan.buildings)
+    return GatheredBuildings(owner, gathered, plan.addresses)
+
+
+def model_buildings(
+    seen: GatheredBuildings, earlier: Sequence[SavedBuilding] | None, parameters: Any
+) -> dict[str, NDArray[Any]]:
+    """Outlines, units, roofs and solids of the buildings of an owner block, as the arrays of their file.
+
+    A building that follows from the same as one of an `earlier` result is taken over from it.
+    """
+    unit_m = parameters.system.horizontal_unit_m
+    before = {building.key: building for building in earlier or () if building.key}
+    failures = [building for building in seen.buildings if isinstance(building, Failure)]
+    detected = [building for building in seen.buildings if not isinstance(building, Failure)]
     clock = Clock()
-    buildings = [part for building in whole for part in divide_parts(building, recipe.outline)]
-    footprints = draw_all(buildings, recipe)
+    buildings = [part for building in detected for part in divide_parts(building, parameters.outline)]
+    footprints = draw_all(buildings, parameters)
     buildings = [replace(building, others=None) for building in buildings]
     clock.lap("outline")
-    buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
+    buildings, footprints = split_buildings(buildings, footprints, seen.addresses, parameters.units)
     clock.lap("units")
-    own = [store.key_of(step, one, shape) for one, shape in zip(buildings, footprints, strict=True)]
-    made = [number for number, key in enumerate(own) if key not in before]
-    found: dict[int, BuildingResult | SavedBuilding] = {
-        number: before[key] for number, key in enumerate(own) if key in before
+    keys = [key_of(building, shape) for building, shape in zip(buildings, footprints, strict=True)]
+    todo = [number for number, key in enumerate(keys) if key not in before]
+    results: dict[int, BuildingResult | SavedBuilding] = {
+        number: before[key] for number, key in enumerate(keys) if key in before
     }
-    models = [try_building(buildings[n], footprints[n], recipe, store, check=False) for n in made]
-    found |= dict(zip(made, models, strict=True))
+    models = [try_building(buildings[n], footprints[n], parameters, unit_m, check=False) for n in todo]
+    results |= dict(zip(todo, models, strict=True))
     checking = Clock()
-    for place in recheck(models, recipe, store):
-        number = made[place]
-        found[number] = try_building(buildings[number], footprints[number], recipe, store)
+    for place in recheck(models, parameters, unit_m):
+        number = todo[place]
+        results[number] = try_building(buildings[number], footprints[number], parameters, unit_m)
     checking.lap("validate")
-    results += [found[number] for number in range(len(own))]
-    if results and isinstance(results[0], BuildingResult):
-        spent = results[0].seconds
+    ordered = [*map(BuildingResult.without_points, failures), *(results[n] for n in range(len(keys)))]
+    if ordered and isinstance(ordered[0], BuildingResult):
+        spent = ordered[0].seconds
         spent.update(clock.laps, validate=spent.get("validate", 0.0) + checking.laps["validate"])
-    save_buildings(store, BUILDINGS, owner, results, task.read, taken, [*keys, *own])
+    return building_arrays(ordered, [*[""] * len(failures), *keys])
 
 
 def try_building(
-    building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe, store: Store, check: bool = True
+    building: BuildingPoints,
+    footprint: Footprint | Failure,
+    recipe: Recipe,
+    unit_m: float,
+    check: bool = True,
 ) -> BuildingResult:
     """The answer of `building_pass`, or what is left of a building where it raises: one must not take the
     others of its block with it."""
     try:
-        return building_pass(building, footprint, recipe, store.system.horizontal_unit_m, False, check)
+        return building_pass(building, footprint, recipe, unit_m, False, check)
     except Exception as error:
         name = building.owner_block.name
         log.warning("a building of block %s failed: %s: %s", name, type(error).__name__, error)
@@ -90,10 +108,10 @@ def try_building(
         return broken_result(building, error)
 
 
-def recheck(results: list[BuildingResult], recipe: Recipe, store: Store) -> Iterable[int]:
+def recheck(results: list[BuildingResult], recipe: Recipe, unit_m: float) -> Iterable[int]:
     """The numbers of unchecked results to be made again with a check; all where one of them breaks it."""
     try:
-        return find_doubtful(results, recipe.lod, store.system.horizontal_unit_m)
+        return find_doubtful(results, recipe.lod, unit_m)
     except Exception:  # as in try_building
         log.debug("traceback", exc_info=True)
         return range(len(results))

@@ -22,6 +22,7 @@ from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
 from eaves.run.index import Index, index_inputs
 from eaves.run.manifest import MANIFEST, read_facts, read_manifest
 from eaves.run.partition import Window, file_slices, partition_slice
+from eaves.run.points import load_window
 from eaves.run.store import Store
 from eaves.run.world_squares import squares_of
 
@@ -77,18 +78,18 @@ class Epoch:
             return own
         found: set[Block] = set()
         for block in own:
-            found |= set(squares_of([self.moved(block.bounds, 0)], self.side))
+            found |= set(squares_of(self.moved(block.bounds, 0), self.side))
         return sorted(found)
 
     def points(self, block: Block, reach: float) -> PointCloud:
         """The points of a block of the comparison's system, and of its surroundings up to `reach` (m), about
         its corner, in canonical order."""
         if self._move is None:
-            return self.store.load_points(block, reach)[0]
+            return load_window(self.store, block, reach).cloud
         wanted = block.bounds.buffered(reach)
         pieces = []
-        for own in squares_of([self.moved(wanted, 1)], self.side):
-            cloud, _ = self.store.load_points(own, 0.0)
+        for own in squares_of(self.moved(wanted, 1), self.side):
+            cloud = load_window(self.store, own, 0.0).cloud
             if len(cloud):
                 world = cloud.xyz + np.array([*own.origin, 0.0])
                 world[:, :2] = self.plane(world[:, :2], 0)
@@ -96,7 +97,7 @@ class Epoch:
                 pieces.append((cloud, world, inside))
         if not pieces:
             nowhere = Block(block.column, block.row, self.side)
-            return self.store.load_points(nowhere, 0.0)[0].take(np.zeros(0, np.int64))
+            return load_window(self.store, nowhere, 0.0).cloud.take(np.zeros(0, np.int64))
         arrays = {
             name: np.concatenate([getattr(cloud, name)[inside] for cloud, _, inside in pieces])
             for name in ("return_number", "number_of_returns", "classification", "point_id")

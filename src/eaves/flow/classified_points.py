@@ -28,7 +28,8 @@ from eaves.model.cloud import BUILDING
 from eaves.model.provenance import Provenance
 from eaves.run.code import package_sources
 from eaves.run.index import Index
-from eaves.run.keys import GONE, key_of
+from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
+from eaves.run.keys import key_of
 from eaves.run.manifest import entry_of, known_files
 from eaves.run.partition import Window, file_slices
 from eaves.run.store import Store
@@ -218,8 +219,8 @@ def gather_labels(
         classes[opened("building_id")[point_id] > 0] = BUILDING
         opened("classes")[point_id] = classes
         opened("part")[point_id] = part
-    for block in store.units(GONE, BLOCK_SIDE):
-        opened("classes")[store.gone(block)] = SUPERSEDED
+    for block in store.units(SUPERSEDED_POINTS, BLOCK_SIDE):
+        opened("classes")[store.superseded(block)] = SUPERSEDED
 
 
 def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = PIECE) -> None:

@@ -30,11 +30,11 @@ from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
-from eaves.run.keys import BLOCKS
+from eaves.run.keys import GROUND, REGIONS
 from eaves.run.manifest import MANIFEST, begin_manifest
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
-from eaves.run.store import Store
+from eaves.run.store import SECONDS, Store
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def write_output(
 
         return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
     if step == "steps":
-        from eaves.flow.steps import write_steps
+        from eaves.flow.intermediates import write_steps
 
         return write_steps(store, run, results.blocks), None
     from eaves.flow.classified_points import write_points
@@ -279,9 +279,10 @@ def read_metadata(store: Store, blocks: Sequence[Block]) -> list[BlockMetadata]:
     """The metadata of all blocks that were computed."""
     metadata = []
     for block in blocks:
-        if store.has(BLOCKS, block):
+        if store.has(REGIONS, block):
             with open_block(store, block) as file:
                 metadata.append(file.metadata())
+            metadata[-1].seconds["ground"] = float(store.array(GROUND, block, SECONDS))
     return metadata
 
 

@@ -6,15 +6,13 @@ import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NoReturn
 
 import numpy as np
 
-from eaves.blocks.block import keep_block
 from eaves.blocks.block_file import open_block
-from eaves.blocks.ground import keep_ground
-from eaves.blocks.wide import keep_floor, keep_square
+from eaves.blocks.superseded import files_of, scan_number
 from eaves.buildings.join import (
     OwnedBuildings,
     Seam,
@@ -24,9 +22,10 @@ from eaves.buildings.join import (
     join_regions,
     with_addresses,
 )
-from eaves.buildings.owned import keep_buildings
 from eaves.flow.numbers import NUMBERS
 from eaves.flow.run import Progress, Run, no_progress, request_of
+from eaves.flow.step import Step, bring, compute
+from eaves.flow.steps import BUILDINGS, FLOORS, REGIONS, SUPERSEDED
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds
@@ -34,7 +33,7 @@ from eaves.raster.surfaces import CELL
 from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Budget
 from eaves.run.index import Index
-from eaves.run.keys import BLOCKS, BUILDINGS, DECKS, EDITED, FLOORS, GONE, GROUND, NAMED, WIDE, Step, key_of
+from eaves.run.keys import EDITED, NAMED, key_of
 from eaves.run.partition import (
     FileSlice,
     Window,
@@ -45,10 +44,9 @@ from eaves.run.partition import (
     known_parts,
     partition_slice,
 )
-from eaves.run.replace import files_of, keep_gone, scan_number
-from eaves.run.store import RECORD, Store, Task
+from eaves.run.store import RECORD, Store
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
-from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of
+from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
 
@@ -95,15 +93,33 @@ class Region:
     """Those that have points, without those that hold nothing but isolated."""
     points_keys: Mapping[str, str] = field(default_factory=dict)
     """Block, by its name → the key of its points."""
+    brought: dict[str, set[Block]] = field(default_factory=dict)
+    """Step, by its name → the squares whose results are there."""
 
     @property
     def own_blocks(self) -> list[Block]:
         """The blocks of the core."""
         return [block for block in self.blocks if self.core.holds(block)]
 
-    def key(self, step: Step) -> str:
-        """The key of a step with the run's parameters and reference system."""
-        return step.key(self.run.recipe, self.store.system)
+    @cached_property
+    def used(self) -> frozenset[Block]:
+        """The blocks that are used."""
+        return frozenset(self.blocks)
+
+    @cached_property
+    def with_points(self) -> frozenset[Block]:
+        """The blocks that have points, also those that hold nothing but isolated."""
+        return frozenset(self.store.blocks(self.run.side))
+
+    def computes(self, step: Step, square: Block) -> bool:
+        """Whether a square is a unit of a step: a block is where it has points."""
+        return step.side is not None or square in (self.with_points if step.isolated else self.used)
+
+    def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
+        """The keys of the points of some blocks, of those that have any."""
+        keys = self.points_keys
+        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}")
+        return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
 
     def refuse(self, reason: str) -> NoReturn:
         """End the run for its inputs' sake; nothing of it stays."""
@@ -169,7 +185,7 @@ def kept_region(run: Run, workers: Workers, progress: Progress) -> Region:
     """The region of a run that kept all its results."""
     store, points = store_of(run), run.index.points
     store.prepare("build it again with --keep")
-    blocks = store.units(BLOCKS, run.side)
+    blocks = store.units(REGIONS.name, run.side)
     return Region(run, store, workers, progress, failed=list(run.failed), points=points, blocks=blocks)
 
 
@@ -257,18 +273,18 @@ def copies_records(run: Run) -> bool:
 def replace_points(region: Region) -> None:
     """Leave out the points that those of later scans take the place of."""
     store, generations = region.store, region.run.generations
-    blocks = region.store.blocks(region.run.side) if generations else []
+    blocks = store.blocks(region.run.side) if generations else []
     later = set[Block]()
     for block in blocks:
         newest = max(map(scan_number, files_of(store, block)))
         later |= set(ring(block)) if newest >= generations[0] else set()
     units = [block for block in blocks if block in later]
-    store.keep_only(GONE, units)
-    reads = [key_of(region.key(GONE), generations, points_read(region, ring(one))) for one in units]
-    compute(region, GONE, units, reads, partial(keep_gone, store=store, generations=generations), "read")
-    found = dict(store.found(GONE, units))
+    store.keep_only(SUPERSEDED.name, units)
+    compute(region, SUPERSEDED, units)
+    results = dict(store.found(SUPERSEDED.name, units))
     region.points_keys = {
-        name: key_of(key, found[name]) if name in found else key for name, key in region.points_keys.items()
+        name: key_of(key, results[name]) if name in results else key
+        for name, key in region.points_keys.items()
     }
 
 
@@ -305,106 +321,15 @@ def use_blocks(region: Region) -> None:
                 f"{run.folder}: the rasters would have {width:,} by {height:,} cells; check the coordinates "
                 "of the inputs, or build their regions apart with --per-tile or --bounds"
             )
-    region.store.keep_only(FLOORS, region.blocks)
+    region.store.keep_only(FLOORS.name, region.blocks)
     if not region.own_blocks:
         log.warning("no points left to use: see the bounds, the clip area and the files")
 
 
-def compute(
-    region: Region,
-    step: Step,
-    units: Sequence[Any],
-    reads: Sequence[str],
-    work: Callable[[Any], Any],
-    booked: str,
-    shown: bool = False,
-) -> None:
-    """The results of a step for those units that have none yet of what it reads, each with its key.
-
-    The processor time is `booked` under a name; with `shown` the progress is that of the step.
-    """
-    store = region.store
-    marks = (store.mark(step, home_of(unit)) for unit in units)
-    tasks = [
-        Task(unit, read)
-        for unit, read, mark in zip(units, reads, marks, strict=True)
-        if mark is None or mark.read != read
-    ]
-    for done, outcome in enumerate(region.workers.run(work, tasks), 1):
-        region.note(outcome, f"{step.name} of {home_of(tasks[outcome.index].unit).name}")
-        region.budget.add(booked, outcome.cpu)
-        if shown:
-            region.progress(booked, done, len(tasks))
-
-
-def home_of(unit: Block | OwnedBuildings) -> Block:
-    """The block or square by which a result is known."""
-    return unit.owner_block if isinstance(unit, OwnedBuildings) else unit
-
-
-def points_read(region: Region, blocks: Sequence[Block]) -> list[tuple[str, str]]:
-    """The keys of the points of some blocks, of those that have any."""
-    keys = region.points_keys
-    fields = ("fields", f"{region.store.has_returns}{region.store.has_classes}")
-    return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
-
-
-def find_wide(region: Region, blocks: Sequence[Block]) -> None:
-    """Find wide objects, and the decks of bridges, in the squares that decide the ground of some
-    blocks."""
-    run, store, recipe = region.run, region.store, region.run.recipe
-    if not recipe.sees_wide:
-        return
-    grounds = [block.bounds.buffered(recipe.ground.buffer) for block in blocks_seen(region, blocks)]
-    squares = squares_of(grounds, WIDE_SQUARE)
-    seen = [squares_of([one.bounds.buffered(recipe.ground.wide_buffer)], run.side) for one in squares]
-    known = set(region.blocks)
-    floors = sorted(known & {block for some in seen for block in some})
-    reads = [key_of(region.key(FLOORS), points_read(region, [block])) for block in floors]
-    compute(region, FLOORS, floors, reads, partial(keep_floor, store=store), "wide")
-    for square, some in zip(squares, seen, strict=True):
-        if not store.has(DECKS, square) and known & set(some):
-            store.remove(WIDE, square)
-    key = region.key(WIDE) + region.key(DECKS)
-    reads = [key_of(key, store.found(FLOORS, [one for one in some if one in known])) for some in seen]
-    work = partial(keep_square, store=store, side=run.side, recipe=recipe)
-    compute(region, WIDE, squares, reads, work, "wide")
-
-
-def blocks_seen(region: Region, blocks: Sequence[Block]) -> list[Block]:
-    """The blocks that some blocks and what the detector sees around them meet, of those that have points."""
-    seen = [block.bounds.buffered(region.run.recipe.scene_buffer) for block in blocks]
-    with_points = set(region.store.blocks(region.run.side))
-    return [block for block in squares_of(seen, region.run.side) if block in with_points]
-
-
-def find_ground(region: Region, blocks: Sequence[Block]) -> None:
-    """The ground of some blocks and of what the detector sees around them."""
-    run, store, recipe = region.run, region.store, region.run.recipe
-    blocks = blocks_seen(region, blocks)
-    reads = []
-    for block in blocks:
-        seen = [block.bounds.buffered(recipe.ground.buffer)]
-        wide = store.found(WIDE, squares_of(seen, WIDE_SQUARE)) if recipe.sees_wide else []
-        points = points_read(region, squares_of(seen, run.side))
-        reads.append(key_of(region.key(GROUND), run.side, points, wide))
-    work = partial(keep_ground, store=store, recipe=recipe)
-    compute(region, GROUND, blocks, reads, work, "blocks")
-
-
 def find_regions(region: Region, blocks: Sequence[Block]) -> None:
-    """Rasters, and regions of buildings, of some blocks."""
-    run, store, recipe = region.run, region.store, region.run.recipe
-    blocks = region.workers.heaviest_first(blocks, store.count_points)
-    reads = []
-    for block in blocks:
-        seen = [block.bounds.buffered(recipe.scene_buffer)]
-        wide = squares_of(seen, WIDE_SQUARE) if recipe.sees_wide else []
-        found = [store.found(GROUND, squares_of(seen, run.side))]
-        found += [store.found(WIDE, wide), store.found(DECKS, wide if recipe.marks_others else [])]
-        reads.append(key_of(region.key(BLOCKS), points_read(region, squares_of(seen, run.side)), found))
-    work = partial(keep_block, store=store, recipe=recipe)
-    compute(region, BLOCKS, blocks, reads, work, "blocks", shown=True)
+    """Large objects, the ground, rasters and regions of buildings of some blocks, and what these take of the
+    blocks around."""
+    bring(region, REGIONS, region.workers.heaviest_first(blocks, region.store.count_points))
 
 
 def blocks_ahead(region: Region, done: Sequence[Block]) -> list[Block]:
@@ -430,7 +355,7 @@ def blocks_ahead(region: Region, done: Sequence[Block]) -> list[Block]:
 def join_buildings(region: Region, done: Sequence[Block]) -> list[OwnedBuildings]:
     """The buildings of the core, from the regions of the blocks that are done, or from given footprints."""
     run = region.run
-    region.store.keep_only(BLOCKS, done)
+    region.store.keep_only(REGIONS.name, done)
     if run.given is not None:
         plans = assign_footprints(run.given, region.blocks, run.side, run.lost)
     else:
@@ -443,7 +368,7 @@ def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     """The results that the join needs, of all blocks that could be computed."""
     found = []
     for block in sorted(blocks):
-        if region.store.has(BLOCKS, block):
+        if region.store.has(REGIONS.name, block):
             with open_block(region.store, block) as file:
                 found.append(Seam.read(file))
     return found
@@ -451,16 +376,9 @@ def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
 
 def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
-    run, store, recipe = region.run, region.store, region.run.recipe
-    snap = run.options["snap_footprints"]
-    plans = region.workers.heaviest_first(plans, partial(size_of, store=store))
-    store.keep_only(BUILDINGS, [plan.owner_block for plan in plans])
-    reads = []
-    for plan in plans:
-        near = sorted({one for block in plan.blocks for one in ring(block)})
-        reads.append(key_of(region.key(BUILDINGS), snap, plan, store.found(BLOCKS, near)))
-    work = partial(keep_buildings, store=store, recipe=recipe, snap=snap)
-    compute(region, BUILDINGS, plans, reads, work, "buildings", shown=True)
+    plans = region.workers.heaviest_first(plans, partial(size_of, store=region.store))
+    region.store.keep_only(BUILDINGS.name, [plan.owner_block for plan in plans])
+    compute(region, BUILDINGS, plans)
     region.budget.step("buildings")
 
 
@@ -470,7 +388,7 @@ def size_of(plan: OwnedBuildings, store: Store) -> float:
     given = [building.given for building in plan.buildings if building.given is not None]
     if given:
         return float(sum(footprint.polygon.area for footprint in given))
-    labels = {block: store.array(BLOCKS, block, "label") for block in plan.blocks}
+    labels = {block: store.array(REGIONS.name, block, "label") for block in plan.blocks}
     parts = [part for building in plan.buildings for part in building.regions]
     return float(sum(int((labels[block] == label).sum()) for block, label in parts))
 

@@ -330,7 +330,7 @@ def describe_plan(
         "lod": recipe.lod,
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "buffer": recipe.buffer,
-        "wide_buffer": recipe.ground.wide_buffer if recipe.sees_wide else 0.0,
+        "wide_buffer": recipe.wide_buffer,
         "bounds": None if bounds is None else list(vars(bounds).values()),
         **hashes,
         "footprint_source": None if known is None else known.describe(),

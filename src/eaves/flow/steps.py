@@ -1,158 +1,117 @@
-"""The maps of the steps of ground, detection, outlines and roofs, block by block."""
+"""The steps whose results are kept, each declared once: unit, inputs with their reach, parameters, functions.
+
+Nothing else knows these. `eaves.flow.step` computes them; `eaves.pipeline` names them in their order.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from pathlib import Path
-from typing import Any
+from eaves.blocks.block import find_regions, see_regions
+from eaves.blocks.block_file import open_block
+from eaves.blocks.ground import classify_block, see_ground
+from eaves.blocks.large import (
+    TYPES,
+    find_floor,
+    find_large,
+    find_square_decks,
+    load_points,
+    see_decks,
+    see_floors,
+    see_points,
+)
+from eaves.blocks.superseded import find_superseded, load_scans, see_scans
+from eaves.buildings.building_file import load_buildings
+from eaves.buildings.owned import model_buildings, see_buildings
+from eaves.flow.step import Input, Step
+from eaves.run import keys
+from eaves.run.world_squares import WIDE_SQUARE
 
-import numpy as np
-from rasterio.features import rasterize
-from rasterio.transform import Affine
-from shapely import LineString, Polygon
-
-from eaves.blocks.block import load_block, see_block
-from eaves.detect import detect_buildings
-from eaves.detect.consensus.method import CELL_SPACINGS, LEAST_CELL_M
-from eaves.detect.toolkit.cells import side_near
-from eaves.flow.run import Run
-from eaves.formats.rasters.geotiff import write_raster
-from eaves.ground import classify_ground
-from eaves.methods import REGISTRY, Emit
-from eaves.model import Block, Bounds, Failure, Points, Raster
-from eaves.outline import regularise_outlines, trace_outline
-from eaves.raster.grid import empty_raster, heights_of, highest_points, whole_cells
-from eaves.recipe.sources import find_source
-from eaves.roof import segment_roof
-from eaves.run.store import Store
-
-COLUMNS, PANEL_INCHES, DOTS_AN_INCH = 4, 2.6, 110
-
-
-class StepMaps:
-    """What the methods of a block emit, each as a raster: its own, or on the cells of `grid`; of the `stages`
-    alone that are asked for."""
-
-    def __init__(self, grid: Raster, stages: Collection[str]) -> None:
-        self.grid, self.stages = grid, stages
-        self.maps: dict[str, Raster] = {}
-
-    def of(self, stage: str, points: Points) -> Emit:
-        """Takes the steps of a stage that sees some points (N, 3); several buildings share a map."""
-
-        def keep(name: str, value: Any) -> None:
-            drawn = self.drawn(value, points) if stage in self.stages else None
-            if drawn is None:
-                return
-            title = f"{stage} {name}"
-            before = self.maps.get(title)
-            if before is not None and before.shape == drawn.shape:
-                drawn = drawn.with_(values=np.where(np.isnan(drawn.values), before.values, drawn.values))
-            self.maps[title] = drawn
-
-        return keep
-
-    def drawn(self, value: Any, points: Points) -> Raster | None:
-        """A raster of a step; None for what is no map, such as an array of something that is no point."""
-        if isinstance(value, Raster):
-            return value.with_(values=value.values.astype(np.float32))
-        values = np.asarray(value) if isinstance(value, np.ndarray) else None
-        if values is not None and values.ndim == 1 and len(values) == len(points):
-            return self.at_highest(points, values)
-        if values is not None and values.shape[-1:] == (3,) and values.dtype.kind == "f":
-            if values.ndim == 2 and len(values) == len(points):  # a vector of each point: how it rises
-                return self.at_highest(points, values[:, 2])
-            corners = values.reshape(-1, 3)
-            return self.at_highest(corners, corners[:, 2])
-        lines = lines_of(value if values is None else values)
-        return self.burned(lines) if lines else None
-
-    def at_highest(self, points: Points, values: Any) -> Raster:
-        """The value of the highest point of each cell, NaN where there is none."""
-        number = highest_points(points, self.grid.bounds, self.grid.cell)
-        return self.grid.with_(values=heights_of(number, np.asarray(values, np.float64)))
-
-    def burned(self, lines: Sequence[LineString]) -> Raster:
-        """1 in the cells that lines cross, NaN elsewhere."""
-        cell = self.grid.cell
-        place = Affine(cell, 0.0, self.grid.west, 0.0, -cell, self.grid.north)
-        cells = rasterize(
-            lines, self.grid.shape, np.nan, transform=place, all_touched=True, default_value=1.0
-        )
-        return self.grid.with_(values=cells.astype(np.float32))
-
-
-def lines_of(value: Any) -> list[LineString]:
-    """The lines of polygons, rings, contours, segments (K, 4) and lists of them; none of anything else."""
-    if isinstance(value, Polygon):
-        return [LineString(ring.coords) for ring in (value.exterior, *value.interiors)]
-    if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == 4:
-        return [LineString(ends) for ends in value.reshape(-1, 2, 2)]
-    if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] in (2, 3) and len(value) > 1:
-        return [LineString(np.vstack([value, value[:1]])[:, :2])]
-    if isinstance(value, list | tuple):
-        return [line for one in value for line in lines_of(one)]
-    return lines_of(getattr(value, "polygon", getattr(value, "xy", None))) if value is not None else []
-
-
-def block_steps(store: Store, run: Run, block: Block) -> dict[str, Raster]:
-    """The map of each step of one block, by stage and name, about the origin of the block."""
-    recipe = run.recipe
-    cloud, wide, decks, _ = load_block(block, store, recipe)
-    scene, seen, _ = see_block(cloud, block, recipe, wide, decks)
-    xyz, side = scene.cloud.xyz, side_near(max(LEAST_CELL_M, CELL_SPACINGS * scene.spacing))
-    source = run.options["source"]
-    stages = REGISTRY if source is None else find_source(source).methods
-    maps = StepMaps(empty_raster(whole_cells(Bounds.of(xyz), side), side), stages)
-    if not recipe.use_classes:
-        raw = scene.cloud.with_(classification=None, part=None).in_canonical_order()
-        classify_ground(raw, recipe.ground, wide=wide, debug=maps.of("ground", raw.xyz))
-    if recipe.detect is None:
-        return maps.maps
-    regions = detect_buildings(seen, recipe.detect, debug=maps.of("detect", xyz))
-    maps.of("detect", xyz)("regions", regions.label)
-    order = np.argsort(regions.label, kind="stable")
-    for points in np.split(order, np.flatnonzero(np.diff(regions.label[order])) + 1):
-        if regions.label[points[0]] == 0:
-            continue
-        house = xyz[points]
-        boundary = trace_outline(house, scene.spacing, recipe.outline, debug=maps.of("outline", house))
-        if not isinstance(boundary, Failure):
-            drawn = regularise_outlines([boundary], recipe.outline, debug=maps.of("outline", house))
-            maps.of("outline", house)("outlines", [one for one in drawn if not isinstance(one, Failure)])
-        segment_roof(house, scene.spacing, recipe.roof, debug=maps.of("roof", house))
-    return maps.maps
-
-
-def write_steps(store: Store, run: Run, blocks: Sequence[Block]) -> list[Path]:
-    """Write the maps of each block to `steps/BLOCK/` as GeoTIFF, in the order of the steps, and one picture
-    of them all to `steps/BLOCK.png`; the files. Values are as the methods have them: metres and numbers."""
-    files: list[Path] = []
-    for block in blocks:
-        folder = run.folder / "steps" / block.name
-        folder.mkdir(parents=True, exist_ok=True)
-        maps = block_steps(store, run, block)
-        for number, (title, raster) in enumerate(maps.items(), 1):
-            files.append(folder / f"{number:02d}_{title.replace(' ', '_')}.tif")
-            write_raster(files[-1], raster, store.system, block.origin, heights=False)
-        files.append(folder.with_suffix(".png"))
-        draw_steps(files[-1], maps)
-    return files
-
-
-def draw_steps(path: Path, maps: dict[str, Raster]) -> None:
-    """All maps in one picture, as a paper's figure shows them; few whole numbers get colours far apart."""
-    from matplotlib.figure import Figure
-
-    rows = -(-len(maps) // COLUMNS)
-    figure = Figure((PANEL_INCHES * COLUMNS, PANEL_INCHES * 1.1 * rows), layout="constrained")
-    for number, (title, raster) in enumerate(maps.items(), 1):
-        panel, values = figure.add_subplot(rows, COLUMNS, number), raster.values
-        known = values[np.isfinite(values)]
-        labels = len(known) > 0 and bool((known == np.round(known)).all()) and known.min() >= 0
-        shown = np.where(values > 0, values * 7 % 20, np.nan) if labels else values
-        low, high = np.percentile(known, [2, 98]) if len(known) and not labels else (0, 20)
-        panel.imshow(shown, "tab20" if labels else "viridis", vmin=low, vmax=high, interpolation="nearest")
-        panel.set_title(f"{number}. {title}" + ("" if labels else f" ({low:.2g} to {high:.2g})"), fontsize=7)
-        panel.set(xticks=[], yticks=[])
-    figure.savefig(path, dpi=DOTS_AN_INCH, metadata={"Software": None})
+SUPERSEDED = Step(
+    name=keys.SUPERSEDED,
+    takes=(Input(load=load_scans, rings=1),),
+    see=see_scans,
+    run=find_superseded,
+    reads=("generations",),
+    booked="read",
+)
+FLOORS = Step(
+    name=keys.FLOORS,
+    takes=(Input(load=load_points),),
+    see=see_points,
+    run=find_floor,
+    types=TYPES,
+    booked="wide",
+)
+LARGE = Step(
+    name=keys.LARGE,
+    side=WIDE_SQUARE,
+    takes=(FLOORS.within("wide_buffer"),),
+    see=see_floors,
+    run=find_large,
+    types=TYPES,
+    reads=("ground", "wide_buffer"),
+    needs="sees_wide",
+    booked="wide",
+)
+DECKS = Step(
+    name=keys.DECKS,
+    side=WIDE_SQUARE,
+    takes=(FLOORS.within("wide_buffer"), LARGE.around(0)),
+    see=see_decks,
+    run=find_square_decks,
+    types=TYPES,
+    reads=("wide_buffer",),
+    needs="sees_decks",
+    booked="wide",
+)
+GROUND = Step(
+    name=keys.GROUND,
+    takes=(Input(reach="ground.buffer", ids=False), LARGE.within("ground.buffer")),
+    see=see_ground,
+    run=classify_block,
+    reads=("ground", "use_classes", "ground_classes", "sees_wide"),
+    isolated=True,
+)
+REGIONS = Step(
+    name=keys.REGIONS,
+    takes=(
+        Input(reach="scene_buffer"),
+        GROUND.within("scene_buffer"),
+        LARGE.within("scene_buffer"),
+        DECKS.within("scene_buffer"),
+    ),
+    see=see_regions,
+    run=find_regions,
+    load=open_block,
+    reads=(
+        "detect",
+        "scene_buffer",
+        "sees_wide",
+        "vegetation",
+        "marks_vegetation",
+        "marks_others",
+        "keeps_low",
+    ),
+    shown=True,
+)
+BUILDINGS = Step(
+    name=keys.BUILDINGS,
+    takes=(REGIONS.around(1), Input(load=load_points, rings=1)),
+    see=see_buildings,
+    run=model_buildings,
+    load=load_buildings,
+    reads=(
+        "outline",
+        "units",
+        "roof",
+        "reconstruct",
+        "lod",
+        "overhangs",
+        "keeps_low",
+        "snap_footprints",
+    ),
+    earlier=load_buildings,
+    booked="buildings",
+    shown=True,
+)
+STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS)
+"""In the order in which they run."""

@@ -101,6 +101,16 @@ class Recipe:
         return self.ground.wide_buffer > 0.0 and not self.use_classes
 
     @property
+    def wide_buffer(self) -> float:
+        """Width (m) of the surroundings of a square in which large objects are looked for; 0 for not."""
+        return self.ground.wide_buffer if self.sees_wide else 0.0
+
+    @property
+    def sees_decks(self) -> bool:
+        """Whether decks of bridges are looked for."""
+        return self.sees_wide and self.marks_others
+
+    @property
     def marks_vegetation(self) -> bool:
         """Whether vegetation is distinguished from the rest: where buildings are looked for, and classes not
         given."""

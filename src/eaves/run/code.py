@@ -10,12 +10,13 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
+import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from eaves.formats.atomic import atomic
 
@@ -24,8 +25,7 @@ DIGITS = 32
 """Of a digest."""
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(NamedTuple):
     """A module's file, its syntax and its imports.
 
     Parameters
@@ -34,13 +34,13 @@ class Source:
         SHA-256 of the file.
     syntax : str
         Digest of the syntax tree, without docstrings.
-    imports : tuple of str
+    imports : sequence of str
         The modules of the package that it imports, also late ones.
     """
 
     file: str
     syntax: str
-    imports: tuple[str, ...]
+    imports: Sequence[str]
 
 
 class Sources:
@@ -103,21 +103,25 @@ class Sources:
         """A module as its file stands; None where it has no source."""
         if name not in self._read:
             path = self.path(name)
-            content = b"" if path is None else path.read_bytes()
-            file = hashlib.sha256(content).hexdigest()
-            source = self._kept.get(name)
-            if path is not None and (source is None or source.file != file):
-                tree = effective_syntax(content)
-                syntax = hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest()
-                source = Source(file, syntax[:DIGITS], tuple(sorted(set(self.imports(tree)))))
-            self._read[name] = None if path is None else source
+            self._read[name] = None if path is None else self._parsed(name, path)
         return self._read[name]
 
-    def path(self, name: str) -> Path | None:
+    def _parsed(self, name: str, path: str) -> Source:
+        """The source in a file, from the table where that is of the same file."""
+        with open(path, "rb") as stream:
+            content = stream.read()
+        file = hashlib.sha256(content).hexdigest()
+        if name in self._kept and self._kept[name][0] == file:
+            return Source(*self._kept[name])
+        tree = effective_syntax(content)
+        syntax = hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest()
+        return Source(file, syntax[:DIGITS], sorted(set(self.imports(tree))))
+
+    def path(self, name: str) -> str | None:
         """The file of a module; None where there is none."""
-        place = self.folder.joinpath(*name.split(".")[1:])
-        paths = place / "__init__.py", place.with_name(f"{place.name}.py")
-        return next((path for path in paths if path.exists()), None)
+        place = os.path.join(self.folder, *name.split(".")[1:])
+        paths = f"{place}.py", os.path.join(place, "__init__.py")
+        return next((path for path in paths if os.path.isfile(path)), None)
 
     def imports(self, tree: ast.AST) -> Iterator[str]:
         """The modules of the package that are imported anywhere in a tree."""
@@ -139,7 +143,7 @@ class Sources:
         return package
 
     def _save(self) -> None:
-        sources = {name: source for name, source in self._read.items() if source is not None}
+        sources = {name: list(source) for name, source in self._read.items() if source is not None}
         table = {**self._kept, **sources}
         if self.table is None or table == self._kept:
             return
@@ -147,8 +151,7 @@ class Sources:
         with suppress(OSError):  # a package that only others may write: its sources are parsed again
             self.table.parent.mkdir(exist_ok=True)
             with atomic(self.table) as temporary:
-                entries = {name: list(vars(source).values()) for name, source in table.items()}
-                temporary.write_text(json.dumps(entries), encoding="utf-8")
+                temporary.write_text(json.dumps(table), encoding="utf-8")
 
 
 @cache
@@ -158,15 +161,13 @@ def package_sources() -> Sources:
     return Sources(folder, folder / "__pycache__" / f"code.{sys.implementation.cache_tag}.json")
 
 
-def read_table(path: Path | None) -> dict[str, Source]:
+def read_table(path: Path | None) -> dict[str, list[Any]]:
     """The sources that a table keeps, by name; none where it cannot be read."""
     try:
-        entries = {} if path is None else json.loads(path.read_text(encoding="utf-8"))
-        return {
-            name: Source(file, syntax, tuple(imports)) for name, (file, syntax, imports) in entries.items()
-        }
-    except (OSError, ValueError, TypeError, AttributeError):
+        table = {} if path is None else json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
         return {}
+    return table if isinstance(table, dict) else {}
 
 
 def effective_syntax(content: bytes) -> ast.Module:

@@ -1,4 +1,4 @@
-"""Keys: what a step takes, and what it finds, as one short word each.
+"""Keys: all that a result follows from, as one short word.
 
 A result is named by the key of all that its step takes: its code, the reference system, parameters and
 inputs. Where that is found again, the step is not run: that is all there is to resuming a run and to updating
@@ -16,50 +16,14 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from eaves.model import CoordinateSystem
-from eaves.run.code import PACKAGE, Sources, package_sources
+from eaves.run.code import PACKAGE
 
-
-@dataclass(frozen=True)
-class Step:
-    """A step whose results are kept: the folder of its results, the module of its function, and the
-    parameters of a recipe that it reads."""
-
-    name: str
-    module: str
-    parameters: tuple[str, ...] = ()
-
-    def key(self, recipe: Any, system: CoordinateSystem, sources: Sources | None = None) -> str:
-        """The key of the step's code with that of the methods it is given, of their parameters, and of the
-        reference system; `sources` are those of this package unless others are given."""
-        values = [getattr(recipe, name) for name in self.parameters]
-        modules = [self.module, *(module for value in values for module in modules_of(value))]
-        code = (sources or package_sources()).digest(modules)
-        return key_of(self.name, code, system, values)
-
-
-POINTS = Step("points", "eaves.run.partition")
-GONE = Step("gone", "eaves.run.replace")
-FLOORS = Step("floors", "eaves.blocks.wide")
-WIDE = Step("wide", "eaves.blocks.wide", ("ground",))
-DECKS = Step("decks", "eaves.blocks.wide")
-GROUND = Step("ground", "eaves.blocks.ground", ("ground", "use_classes", "ground_classes"))
-BLOCKS = Step(
-    "blocks",
-    "eaves.blocks.block",
-    ("sees_wide", "detect", "use_classes", "vegetation", "others", "keeps_low"),
-)
-BUILDINGS = Step(
-    "buildings",
-    "eaves.buildings.owned",
-    ("outline", "units", "roof", "reconstruct", "lod", "overhangs", "keeps_low"),
-)
-NAMED = Step("named", "eaves.change.upkeep.versions")
-EDITED = Step("edited", "eaves.change.upkeep.corrected")
+SUPERSEDED, FLOORS, LARGE, DECKS, GROUND = "superseded", "floors", "large", "decks", "ground"
+REGIONS, BUILDINGS = "regions", "buildings"
+"""Names of the steps whose results are kept; `eaves.flow.steps` is their table."""
+NAMED, EDITED = "named", "edited"
 """Layers over the buildings found: of those that an update gave their ids and versions, and of those that
 edits are of."""
-STEPS = (GONE, FLOORS, WIDE, DECKS, GROUND, BLOCKS, BUILDINGS, NAMED, EDITED)
-"""In the order in which they run; ARCHITECTURE.md says of each its unit, inputs and reach."""
 
 
 def modules_of(value: Any) -> Iterator[str]:
@@ -73,13 +37,21 @@ def modules_of(value: Any) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Mark:
-    """The inputs that a result follows from, and its kind.
+    """The keys of a result.
 
-    `read` is the key of the files that its step reads: where it is found, nothing is loaded. `taken` is the
-    key of what the step took from them, to the last bit: where it is found, nothing is computed. `found` is
-    the key of the result, which what follows from it reads.
+    Parameters
+    ----------
+    step : str
+        The key of its step: code, system, parameters, reach.
+    read : str
+        The key of the files that the step reads: where it is found, nothing is loaded.
+    taken : str
+        The key of what the step takes from them, to the last bit: where it is found, nothing is computed.
+    found : str
+        The key of the result, which what follows from it reads.
     """
 
+    step: str
     read: str
     taken: str
     found: str

@@ -104,6 +104,19 @@ def read_header(data: bytes) -> tuple[tuple[int, ...], Literal["C", "F"], np.dty
     return shape, "F" if by_columns else "C", dtype
 
 
+def as_arrays(value: Any) -> Mapping[str, NDArray[Any]]:
+    """A result as the arrays of its file: as it is where it is arrays by name, else packed as `value`."""
+    if isinstance(value, Mapping) and all(isinstance(array, np.ndarray) for array in value.values()):
+        return value
+    return pack("value", value)
+
+
+def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """All arrays of a part, by name."""
+    with open_part(path) as file:
+        return dict(file)
+
+
 def load_value(path: Path, types: Mapping[str, type[Any]] = TYPES) -> Any:
     """The one value of a file, packed under the name `value`."""
     with open_part(path) as file:

@@ -22,8 +22,9 @@ from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP, canonical_order
+from eaves.run.code import package_sources
 from eaves.run.index import Index
-from eaves.run.keys import POINTS, key_of
+from eaves.run.keys import key_of
 from eaves.run.store import RECORD, Store
 from eaves.run.world_squares import ring
 
@@ -110,8 +111,8 @@ def file_slices(index: Index) -> list[FileSlice]:
 
 def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> str:
     """The key of all that the points of a part follow from."""
-    step = POINTS.key(None, store.system)
-    return key_of(step, part.mark, part.first, part.k, part.n, part.crs, side, window)
+    code = package_sources().digest([__name__])
+    return key_of(code, store.system, part.mark, part.first, part.k, part.n, part.crs, side, window)
 
 
 def known_parts(store: Store, keys: Mapping[str, str]) -> dict[str, PartMark]:

@@ -17,19 +17,17 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic
-from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Block, Bounds, CoordinateSystem, PointCloud, Points
+from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP, PER_METRE
-from eaves.run.keys import GONE, GROUND, STEPS, Mark, Step, key_of
+from eaves.model.cloud import GRID_STEP
+from eaves.run.keys import SUPERSEDED, Mark, key_of
 from eaves.run.part_file import is_whole_part, open_part, save_part
-from eaves.run.world_squares import squares_touching
 
 log = logging.getLogger("eaves")
 
 REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for."""
-FORM = 6
+FORM = 7
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -46,17 +44,9 @@ SECONDS = "seconds"
 
 
 @dataclass(frozen=True)
-class Task:
-    """A unit of a step (a block or a square, a plan of buildings) with the key of the files it reads."""
-
-    unit: Any
-    read: str
-
-
-@dataclass(frozen=True)
 class Store:
     """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
-    part of an input that is in place), a folder for each of `STEPS` (a file a unit, and beside it its mark);
+    part of an input that is in place), a folder for each step (a file a unit, and beside it its mark);
     while a small run lasts also `records/` (a file a part of a compressed input: its records as they are)."""
 
     folder: Path
@@ -85,7 +75,7 @@ class Store:
             raise InputError.about(self.folder, "holds parts that another version of eaves wrote", remedy)
         if not form.exists():
             form.write_text(str(FORM))
-        for name in ("points", "parts", *(step.name for step in STEPS)):
+        for name in ("points", "parts"):
             (self.folder / name).mkdir(exist_ok=True)
 
     def write_request(self, stated: Mapping[str, Any]) -> None:
@@ -113,16 +103,16 @@ class Store:
         """The blocks that have points, in order."""
         names = [entry.split("_") for entry in os.listdir(self.folder / "points")]
         blocks = sorted(Block(int(column), int(row), side) for column, row in names)
-        return [block for block in blocks if not self.has(GONE, block) or self.count_points(block)]
+        return [block for block in blocks if not self.has(SUPERSEDED, block) or self.count_points(block)]
 
     def count_points(self, block: Block) -> int:
         """How many points a block holds."""
         files = self.points_path(block).glob("*.bin")
-        return sum(file.stat().st_size for file in files) // RECORD.itemsize - len(self.gone(block))
+        return sum(file.stat().st_size for file in files) // RECORD.itemsize - len(self.superseded(block))
 
-    def gone(self, block: Block) -> NDArray[np.int64]:
+    def superseded(self, block: Block) -> NDArray[np.int64]:
         """Ids (K,) of the points of a block that later ones have taken the place of."""
-        return self.array(GONE, block, "id") if self.has(GONE, block) else np.zeros(0, np.int64)
+        return self.array(SUPERSEDED, block, "id") if self.has(SUPERSEDED, block) else np.zeros(0, np.int64)
 
     def read_points(self, block: Block) -> NDArray[np.void]:
         """The records of all points in a block, by input and part of it, each part's in canonical order."""
@@ -132,97 +122,28 @@ class Store:
         """The records of a block's points, an array a file; of a file no more is read than is looked at."""
         path = self.points_path(block)
         files = map_records(sorted(path.glob("*.bin")) if path.exists() else [])
-        gone = self.gone(block)
-        return [records[~np.isin(records["point_id"], gone)] for records in files] if len(gone) else files
+        ids = self.superseded(block)
+        return [records[~np.isin(records["point_id"], ids)] for records in files] if len(ids) else files
 
-    def load_points(
-        self, block: Block, reach: float, classified: bool = False, ids: bool = True
-    ) -> tuple[PointCloud, NDArray[np.int32]]:
-        """The points of a block and of its surroundings up to `reach` (m), about the block's corner, in
-        canonical order; and of those inside the block (K,) their numbers in it, which count on from file to
-        file. With `classified` they bear the classes of the ground step, with `ids` their own.
-        """
-        bounds = block.bounds.buffered(reach)
-        west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
-        range_of: dict[Block, tuple[int, int]] = {}
-        seen, count = [], 0
-        rows = np.zeros((north - south) // PER_METRE + 2, np.int64)
-        # from south to north and west to east: dealt out to rows of cells, the points are in order where each
-        # block has them from one file and the cells of blocks agree
-        for near in sorted(squares_touching(bounds, block.side), key=lambda block: (block.row, block.column)):
-            right, up = (round(way / GRID_STEP) for way in near.origin)
-            limits, start = (west - right, south - up, east - right, north - up), count
-            for records in self.map_points(near):
-                which = within_kernel(records["xyz"], *limits, rows)
-                if len(which):
-                    seen.append((near, records, which, count))
-                count += len(records)
-            if seen and seen[-1][0] == near:
-                range_of[near] = start, count
-        fields = {"point_id": ids, "return_number": self.has_returns, "number_of_returns": self.has_returns}
-        fields["classification"] = self.has_classes
-        total, free = int(rows.sum()), np.cumsum(rows) - rows
-        arrays = {name: np.empty(total, RECORD[name]) for name, wanted in fields.items() if wanted}
-        xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
-        ordered = len(seen) == len({near for near, *_ in seen})
-        for near, records, which, first in seen:
-            right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, block.origin))
-            ordered &= right % PER_METRE == 0 == up % PER_METRE
-            low = south - round(near.origin[1] / GRID_STEP)
-            place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
-            number[place] = which + first
-            for name, values in arrays.items():
-                values[place] = records[name].take(which)
-        cloud = PointCloud(xyz, block.origin, **arrays, system=self.system, ordered=ordered)
-        order = cloud.canonical_order()
-        cloud, number = replace(cloud.take(order), ordered=True), number.take(order)
-        start, end = range_of.get(block, (0, 0))
-        inside = number[(number >= start) & (number < end)] - start
-        if classified and total:
-            ground = self.ground_of(range_of)
-            cloud = cloud.with_(classification=ground["class"].take(number))
-            part = ground["part"].take(number)
-            cloud = cloud.with_(part=part) if part.any() else cloud
-        return cloud, inside.astype(np.int32)
-
-    def ground_of(self, range_of: Mapping[Block, tuple[int, int]]) -> dict[str, NDArray[np.uint8]]:
-        """Classes (N,) and parts (N,) that the ground step gave the points of some blocks, by their numbers.
-
-        Raises
-        ------
-        RuntimeError
-            Where it failed in one of them.
-        """
-        ground = {
-            name: np.zeros(max(end for _, end in range_of.values()), np.uint8) for name in ("class", "part")
-        }
-        for block, (start, end) in range_of.items():
-            if not self.has(GROUND, block):
-                raise RuntimeError("the ground under some of its points could not be found")
-            with open_part(self.path(GROUND, block)) as file:
-                for name in ground.keys() & set(file):
-                    ground[name][start:end] = file[name]
-        return ground
-
-    def path(self, step: Step, unit: Block) -> Path:
+    def path(self, step: str, unit: Block) -> Path:
         """The file of the result of a step for a block or a square."""
-        return self.folder / step.name / f"{unit.name}.npz"
+        return self.folder / step / f"{unit.name}.npz"
 
-    def has(self, step: Step, unit: Block) -> bool:
+    def has(self, step: str, unit: Block) -> bool:
         """Whether a result is there."""
-        return self.path(step, unit).exists()
+        return os.path.exists(f"{self.folder}/{step}/{unit.name}.npz")
 
-    def array(self, step: Step, unit: Block, name: str) -> NDArray[Any]:
+    def array(self, step: str, unit: Block, name: str) -> NDArray[Any]:
         """An array of a result."""
         with open_part(self.path(step, unit)) as file:
             return np.asarray(file[name])
 
-    def units(self, step: Step, side: float) -> list[Block]:
+    def units(self, step: str, side: float) -> list[Block]:
         """The blocks or squares of a side (m) that have results of a step, in order."""
-        names = [path.stem.split("_") for path in (self.folder / step.name).glob("*.npz")]
+        names = [path.stem.split("_") for path in (self.folder / step).glob("*.npz")]
         return sorted(Block(int(column), int(row), side) for column, row in names)
 
-    def mark(self, step: Step, unit: Block) -> Mark | None:
+    def mark(self, step: str, unit: Block) -> Mark | None:
         """The mark of a result; None where there is none that is whole."""
         path = self.path(step, unit).with_suffix(".key")
         if not (path.exists() and self.has(step, unit)):
@@ -233,12 +154,12 @@ class Store:
             return None
         return Mark(*words)
 
-    def found(self, step: Step, units: Iterable[Block]) -> list[tuple[str, str]]:
+    def found(self, step: str, units: Iterable[Block]) -> list[tuple[str, str]]:
         """The units that have a result, each with the key of what was found."""
         marks = ((unit.name, self.mark(step, unit)) for unit in units)
         return [(name, mark.found) for name, mark in marks if mark is not None]
 
-    def recalls(self, step: Step, unit: Block, read: str, taken: str) -> bool:
+    def reuse_if_unchanged(self, step: str, unit: Block, read: str, taken: str) -> bool:
         """Whether the result that is there follows from the same, though read from other files; it is marked
         as read from these then, and else it is no more."""
         mark = self.mark(step, unit)
@@ -249,31 +170,40 @@ class Store:
         return False
 
     def save(
-        self, step: Step, unit: Block, arrays: Mapping[str, NDArray[Any]], read: str, taken: str = ""
+        self,
+        step: str,
+        unit: Block,
+        arrays: Mapping[str, NDArray[Any]],
+        read: str = "",
+        taken: str = "",
+        step_key: str = "",
     ) -> None:
         """Keep a result with its mark, each whole or not at all."""
         path = self.path(step, unit)
+        path.parent.mkdir(exist_ok=True)
         save_part(path, arrays)
         with zipfile.ZipFile(path) as file:
             members = [(one.filename, one.CRC, one.file_size) for one in file.infolist()]
         found = key_of([one for one in members if not one[0].startswith(SECONDS)])
-        self._write_mark(step, unit, Mark(read, taken or read, found))
+        nothing = key_of()
+        mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, found)
+        self._write_mark(step, unit, mark)
 
-    def _write_mark(self, step: Step, unit: Block, mark: Mark) -> None:
+    def _write_mark(self, step: str, unit: Block, mark: Mark) -> None:
         path = self.path(step, unit).with_suffix(".key")
         hidden = path.with_name(f".{path.name}-{os.getpid()}")
         hidden.write_text(" ".join(vars(mark).values()), encoding="ascii")
         os.replace(hidden, path)
 
-    def remove(self, step: Step, unit: Block) -> None:
+    def remove(self, step: str, unit: Block) -> None:
         """Remove a result with its mark."""
         for suffix in (".key", ".npz"):
             self.path(step, unit).with_suffix(suffix).unlink(missing_ok=True)
 
-    def keep_only(self, step: Step, units: Iterable[Block]) -> None:
+    def keep_only(self, step: str, units: Iterable[Block]) -> None:
         """Remove the results of a step for all units but these."""
         kept = {unit.name for unit in units}
-        for path in (self.folder / step.name).glob("*.*"):
+        for path in (self.folder / step).glob("*.*"):
             if path.stem not in kept:
                 path.unlink(missing_ok=True)
 
@@ -285,11 +215,10 @@ class Store:
                 shutil.rmtree(left)
             else:
                 left.unlink()
-        for step in STEPS:
-            for path in sorted((self.folder / step.name).glob("*.npz")):
-                if not is_whole_part(path):
-                    log.warning("%s: the part is damaged; it is computed again", path)
-                    path.unlink()
+        for path in sorted(self.folder.glob("*/*.npz")):
+            if not is_whole_part(path):
+                log.warning("%s: the part is damaged; it is computed again", path)
+                path.unlink()
 
 
 def map_records(paths: Sequence[Path]) -> list[NDArray[np.void]]:
@@ -321,60 +250,3 @@ def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
         return None
     low, high = extremes(quanta[:, :2])
     return Bounds(*map(float, (*low * GRID_STEP, *(high + 1) * GRID_STEP))).translated(*block.origin)
-
-
-@kernel
-def within_kernel(
-    quanta: NDArray[np.int32], west: int, south: int, east: int, north: int, rows: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Numbers (K,) of the points (N, 3) inside a window, all in quanta, which are counted in their `rows` of
-    cells from its south. The points are in canonical order: in each row no more is looked at than the cells
-    that the window touches."""
-    which, count, end = np.empty(len(quanta), np.int64), 0, first_kernel(quanta, 1, south, 0, len(quanta))
-    while end < len(quanta) and quanta[end, 1] // PER_METRE * PER_METRE < north:
-        start, row = end, quanta[end, 1] // PER_METRE
-        end, before = first_kernel(quanta, 1, (row + 1) * PER_METRE, start, len(quanta)), count
-        for i in range(first_kernel(quanta, 0, west, start, end), end):
-            if quanta[i, 0] // PER_METRE * PER_METRE >= east:
-                break
-            which[count] = i
-            count += west <= quanta[i, 0] < east and south <= quanta[i, 1] < north
-        rows[row - south // PER_METRE] += count - before
-    return which[:count]
-
-
-@inlined_kernel
-def first_kernel(quanta: NDArray[np.int32], axis: int, level: int, start: int, end: int) -> Any:
-    """The first of some points, whose cells rise along an axis, that lies in the cell of a level or after."""
-    while start < end:
-        middle = (start + end) // 2
-        if quanta[middle, axis] // PER_METRE < level // PER_METRE:
-            start = middle + 1
-        else:
-            end = middle
-    return start
-
-
-@kernel
-def deal_kernel(
-    quanta: NDArray[np.int32],
-    which: NDArray[np.int64],
-    south: int,
-    free: NDArray[np.int64],
-    right: int,
-    up: int,
-    quantum: float,
-    xyz: Points,
-) -> NDArray[np.int64]:
-    """Deal points (K of N, 3) out to the places that are `free` in their rows of cells, counted from `south`:
-    their coordinates, moved by whole quanta, in metres into `xyz`, and the places (K,)."""
-    place = np.empty(len(which), np.int64)
-    for k in range(len(which)):
-        i = which[k]
-        row = quanta[i, 1] // PER_METRE - south // PER_METRE
-        place[k] = free[row]
-        free[row] += 1
-        xyz[place[k], 0] = (quanta[i, 0] + right) * quantum
-        xyz[place[k], 1] = (quanta[i, 1] + up) * quantum
-        xyz[place[k], 2] = quanta[i, 2] * quantum
-    return place

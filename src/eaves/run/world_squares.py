@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 from math import ceil
 
@@ -12,17 +12,13 @@ WIDE_SQUARE = 480.0
 """Side of the squares (m) in which what is wide is looked for: a whole multiple of all cells."""
 
 
-def squares_of(bounds: Sequence[Bounds], side: float) -> list[Block]:
-    """The squares of a side (m) that meet some bounds (world metres, half-open), in order."""
-    found = set()
-    for one in bounds:
-        first = Block.at(one.west, one.south, side)
-        for column in range(first.column, max(first.column + 1, ceil(one.east / side))):
-            found |= {
-                Block(column, row, side)
-                for row in range(first.row, max(first.row + 1, ceil(one.north / side)))
-            }
-    return sorted(found)
+@lru_cache(maxsize=4096)
+def squares_of(bounds: Bounds, side: float) -> tuple[Block, ...]:
+    """The squares of a side (m) that meet bounds (world metres, half-open), in order."""
+    first = Block.at(bounds.west, bounds.south, side)
+    columns = range(first.column, max(first.column + 1, ceil(bounds.east / side)))
+    rows = range(first.row, max(first.row + 1, ceil(bounds.north / side)))
+    return tuple([Block(column, row, side) for column, row in product(columns, rows)])
 
 
 def squares_touching(bounds: Bounds, side: float) -> list[Block]:

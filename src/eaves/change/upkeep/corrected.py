@@ -10,12 +10,14 @@ import shapely
 from shapely import Polygon
 
 from eaves.buildings.building import building_pass
-from eaves.buildings.building_file import Kept, SavedBuilding, as_found, save_buildings
+from eaves.buildings.building_file import Kept, SavedBuilding, as_found, building_arrays
 from eaves.buildings.gather import Gatherer, blocks_in
 from eaves.buildings.join import BuildingPlan, about, block_of
 from eaves.change.edits import Order
 from eaves.change.upkeep.versions import version_of
 from eaves.flow.region import Region
+from eaves.flow.step import results_of
+from eaves.flow.steps import REGIONS
 from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult
 from eaves.run.keys import EDITED
@@ -52,7 +54,8 @@ def correct(region: Region, orders: Sequence[Order]) -> Corrected:
     done = Corrected(touched={*by_owner, *edited.owners(side)})
     for count, owner in enumerate(sorted(done.touched), 1):
         if owner in by_owner:
-            save_buildings(store, EDITED, owner, with_corrections(region, owner, by_owner[owner], done))
+            corrected = with_corrections(region, owner, by_owner[owner], done)
+            store.save(EDITED, owner, building_arrays(corrected))
         else:
             store.remove(EDITED, owner)
         region.progress("buildings", count, len(done.touched))
@@ -107,7 +110,7 @@ def model_outline(region: Region, owner: Block, given: Footprint, flat: bool) ->
     store, recipe = region.store, region.run.recipe
     touched = set(blocks_in(owner, Bounds(*given.polygon.bounds)))
     under = tuple((block, 0) for block in region.blocks if block in touched)
-    building = Gatherer(store).gather(owner, BuildingPlan(under, given))
+    building = Gatherer(results_of(REGIONS, store, region.blocks)).gather(owner, BuildingPlan(under, given))
     if isinstance(building, Failure):
         return BuildingResult.without_points(building)
     return building_pass(building, given, recipe, store.system.horizontal_unit_m, flat=flat)

@@ -12,6 +12,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 
+from eaves.blocks.superseded import files_of, scan_number
 from eaves.buildings.building_file import Kept, as_found
 from eaves.change.edits import settle, write_edits
 from eaves.change.upkeep.corrected import correct, outlines_in
@@ -28,10 +29,9 @@ from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.pipeline import bring_points, find_buildings, hold_folder
-from eaves.run.keys import BLOCKS, EDITED, GONE, NAMED
+from eaves.run.keys import EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
-from eaves.run.replace import files_of, scan_number
 from eaves.run.store import Store, link_file
 
 log = logging.getLogger("eaves")
@@ -85,9 +85,10 @@ def update(
 ) -> Updated:
     """A run's results after a later scan of a part of its area, in a folder of their own.
 
-    New points take the place of the earlier ones in the area that they cover (`eaves.run.replace`). What
-    comes out is what a build of the points that stay and the new ones gives; a step that takes what it took
-    before is found by its key. Buildings keep their ids where half of their outline stays. Edits are kept.
+    New points take the place of the earlier ones in the area that they cover (`eaves.blocks.superseded`).
+    What comes out is what a build of the points that stay and the new ones gives; a step that takes what it
+    took before is found by its key. Buildings keep their ids where half of their outline stays, and edits are
+    kept.
 
     Parameters
     ----------
@@ -239,7 +240,7 @@ def link_results(source: Path, target: Path) -> None:
     """The results of a run under other names, without taking room where the disk can do that, but for what
     edits made of them. They are never written in place, so neither run sees what the other does."""
     for place, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if name not in (EDITED.name, NAMED.name)]
+        folders[:] = [name for name in folders if name not in (EDITED, NAMED)]
         to = target / Path(place).relative_to(source)
         to.mkdir(parents=True, exist_ok=True)
         for name in names:
@@ -282,15 +283,15 @@ def check_place(region: Region) -> None:
 def points_counted(region: Region) -> tuple[int, int]:
     """How many points of the last scan came, and how many earlier ones went."""
     store = region.store
-    counts = [store.array(GONE, block, "counts") for block in store.units(GONE, region.run.side)]
+    counts = [store.array(SUPERSEDED, block, "counts") for block in store.units(SUPERSEDED, region.run.side)]
     came, went = np.sum([np.zeros(2, np.int64), *counts], axis=0).tolist()
     return int(came), int(went)
 
 
 def blocks_computed(region: Region, before: Store) -> int:
     """How many blocks have other results than before."""
-    known = set(before.found(BLOCKS, region.blocks))
-    return sum(one not in known for one in region.store.found(BLOCKS, region.blocks))
+    known = set(before.found(REGIONS, region.blocks))
+    return sum(one not in known for one in region.store.found(REGIONS, region.blocks))
 
 
 def walls_changed(folder: Path, out: Path, others: set[str]) -> list[str]:

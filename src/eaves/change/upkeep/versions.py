@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
+from eaves.buildings.building_file import Kept, SavedBuilding, building_arrays
 from eaves.formats.atomic import atomic
 from eaves.geometry.overlaps import half_shared, pair_off
 from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure
@@ -118,7 +118,7 @@ def name_versions(
     matched = set(partners.values())
     words.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
     for owner, some in results.items():
-        save_buildings(after, NAMED, owner, some)
+        after.save(NAMED, owner, building_arrays(some))
     return words, changed
 
 

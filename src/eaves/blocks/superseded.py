@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from eaves.model import Block, Mask
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.raster.squares import closed_by_square
-from eaves.run.keys import GONE
-from eaves.run.store import RECORD, Store, Task, join_records, map_records
-from eaves.run.world_squares import ring
+from eaves.run.store import Store, join_records, map_records
 
 Records = NDArray[Any]
 
@@ -34,58 +32,55 @@ SAME = ("x", "y", "z", "return_number", "number_of_returns", "classification")
 """Two points that agree in these are one: a tile delivered again changes only what differs in it."""
 
 
-def keep_gone(task: Task, store: Store, generations: Sequence[int]) -> None:
-    """The points of a block that are gone, kept in the store."""
-    gone, counts = replace_in(store, task.unit, generations)
-    store.save(GONE, task.unit, {"id": gone, "counts": np.array(counts)}, task.read)
+def load_scans(store: Store, block: Block) -> list[tuple[int, Records]]:
+    """The points of a block as they were read, those of each file with the number of its input."""
+    files = files_of(store, block)
+    return [(scan_number(path), records) for path in files for records in map_records([path])]
 
 
-def replace_in(
-    store: Store, block: Block, generations: Sequence[int]
-) -> tuple[NDArray[np.int64], tuple[int, int]]:
-    """The points of a block that are replaced: earlier points where later ones cover their place, but of two
-    that agree the later one. Their ids (K,), ascending, and how many of the last scan's points came, and of
-    the earlier ones went.
+def see_scans(
+    block: Block, scans: Mapping[Block, list[tuple[int, Records]]], parameters: Any
+) -> dict[Block, list[tuple[int, Records]]]:
+    """The points of a block, first, and of those around it, by the number of their input."""
+    return {block: scans[block], **scans}
+
+
+def find_superseded(
+    seen: Mapping[Block, list[tuple[int, Records]]], parameters: Any
+) -> dict[str, NDArray[np.int64]]:
+    """The points of a block that are superseded: earlier points where later ones cover their place, but of
+    two that agree the later one. Their ids (K,), ascending, and how many of the last scan's points came, and
+    of the earlier ones went.
 
     What is covered follows from the new points alone: not from the tiles they came in, nor from their order.
-
-    Parameters
-    ----------
-    store
-        With the points of all inputs.
-    block
-        The block.
-    generations
-        Numbers of the first inputs of each later scan, rising.
     """
-    paths = files_of(store, block)
-    records = join_records(map_records(paths))
-    numbers = [scan_number(path) for path in paths]
-    sizes = [path.stat().st_size // RECORD.itemsize for path in paths]
-    number = np.repeat(np.array(numbers, np.int64), sizes)
+    block = next(iter(seen))
+    records = join_records([some for _, some in seen[block]])
+    number = np.concatenate([np.full(len(some), scan, np.int64) for scan, some in seen[block]])
     stays = np.ones(len(records), bool)
     came = went = 0
-    for first, end in pairwise((*generations, np.iinfo(np.int64).max)):
+    for first, end in pairwise((*parameters.generations, np.iinfo(np.int64).max)):
         old = np.flatnonzero(stays & (number < first))
         new = np.flatnonzero((number >= first) & (number < end))
-        covered = old[covers_place(store, block, first, int(end), records[old])]
+        covered = old[covers_place(seen, block, first, int(end), records[old])]
         same, again = pair_same(records[covered], records[new])
         stays[covered[~same]] = False
         stays[new[again]] = False
         came, went = int((~again).sum()), int((~same).sum())
-    return np.sort(records["point_id"][~stays]), (came, went)
+    return {"id": np.sort(records["point_id"][~stays]), "counts": np.array([came, went])}
 
 
-def covers_place(store: Store, block: Block, first: int, end: int, records: Records) -> Mask:
+def covers_place(
+    scans: Mapping[Block, list[tuple[int, Records]]], block: Block, first: int, end: int, records: Records
+) -> Mask:
     """Which of a block's points (N,) lie in the area that points of some inputs cover: cells of `COVER_CELL`
     that hold some that are not noise, closed."""
     corner = np.floor(np.array(block.origin) / COVER_CELL).astype(np.int64) - MARGIN
     count = int(np.ceil(block.side / COVER_CELL)) + 1 + 2 * MARGIN
     grid = np.zeros((count, count), bool)
-    for one in ring(block):
-        newer = [path for path in files_of(store, one) if first <= scan_number(path) < end]
-        later = join_records(map_records(newer))
-        place = scan_cells(later[~np.isin(later["classification"], NOISE_CLASSES)], one) - corner
+    for near, files in scans.items():
+        later = join_records([some for scan, some in files if first <= scan < end])
+        place = scan_cells(later[~np.isin(later["classification"], NOISE_CLASSES)], near) - corner
         place = place[((place >= 0) & (place < count)).all(axis=1)]
         grid[place[:, 0], place[:, 1]] = True
     closed = closed_by_square(grid, MARGIN)
