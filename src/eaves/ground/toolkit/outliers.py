@@ -166,8 +166,7 @@ def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: f
     `depth` (m) over its lowest point, or unknown.
 
     A slope goes on: a cell of the ring counts as high as the surface is halfway to the cell across, but no
-    higher than where what falls from it to the cell twice as far leads back to. With no cell across, at the
-    rim of a scan, it counts as high as these two lead to. A plane is met as it is.
+    higher than where what falls from it to the cell twice as far leads back to. A plane is met as it is.
     """
     around, count, as_low, least = np.empty(len(ring)), 0, 0, lowest[row, column] + depth
     for k in range(len(ring)):
@@ -176,10 +175,7 @@ def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: f
             continue
         beyond = height_at(lowest, row + 2 * ring[k, 0], column + 2 * ring[k, 1])
         across = height_at(lowest, row - ring[k, 0], column - ring[k, 1])
-        if across == np.inf:
-            z += z - beyond if beyond < np.inf else 0.0
-        else:
-            z += max(0.0, min(z - beyond, 0.5 * (across - z)))
+        z += max(0.0, min(z - beyond, 0.5 * (across - z)))
         around[count] = z
         count += 1
         as_low += z <= least
