@@ -35,7 +35,8 @@ from benchmarks.accuracy.ablation_rules import RULES, Rule
 from benchmarks.survey_variants import SOMEWHERE_M, read_survey, survey_of
 from benchmarks.table import keep
 from eaves.evaluate.footprints import evaluate_footprints
-from eaves.geometry.roof_fit import collect_faces, fit_roof, roof_point_mask
+from eaves.geometry.face_table import FaceTable
+from eaves.geometry.roof_fit import RoofFaces, fit_roof, roof_point_mask
 from eaves.methods import DEFAULTS, method_class
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.simulate import scan_town, simulate_town
@@ -153,9 +154,7 @@ def figures(name: str, truth: Path, out: Path) -> dict[str, float]:
 
 def near_roofs(out: Path, points: Any, unit: float) -> float:
     """Share of roof points (N, 3) of the truth that lie within 0.2 m of the highest face over them."""
-    _, _, shapes, columns = pyogrio.raw.read(
-        out / "footprints.gpkg", layer="roof_planes", columns=["building_id"]
-    )
+    _, _, shapes, _ = pyogrio.raw.read(out / "footprints.gpkg", layer="roof_planes", columns=[])
     origin = np.array([*points[:, :2].mean(axis=0), 0.0])
     rings = [
         [
@@ -164,7 +163,7 @@ def near_roofs(out: Path, points: Any, unit: float) -> float:
         ]
         for one in shapely.from_wkb(shapes)
     ]
-    faces = collect_faces(rings, np.unique(columns[0], return_inverse=True)[1].tolist())
+    faces = RoofFaces.of(FaceTable.of(rings))
     some = points[::3] - origin
     apart = np.abs(fit_roof(some[roof_point_mask(some)], faces).vertical)
     return float((apart <= 0.2).mean())

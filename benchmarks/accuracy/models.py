@@ -21,7 +21,8 @@ from scipy.spatial import cKDTree
 from benchmarks.table import keep
 from benchmarks.wireframes.drawing import DRAWN_DETAIL, roof_wireframe
 from benchmarks.wireframes.scores import NOTHING, Wireframe, evaluate_wireframe, read_wireframe, sum_scores
-from eaves.figures.attributes import face_vectors, measure_volume
+from eaves.figures.attributes import measure_volume
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane
@@ -211,7 +212,7 @@ def eaves_of(model: BuildingModel) -> float:
     """Height (m) of the lowest corner of a model's largest roof face in plan: the eaves of the main roof."""
     largest, eaves = -1.0, 0.0
     for solid in model.solids[model.lod]:
-        for face, vector in zip(solid.faces, face_vectors(solid), strict=True):
+        for face, vector in zip(solid.faces, FaceTable.of_solids([solid]).vectors, strict=True):
             if face.surface == ROOF_SURFACE and vector[2] > largest:
                 largest, eaves = float(vector[2]), float(solid.vertices[list(face.rings[0]), 2].min())
     return eaves

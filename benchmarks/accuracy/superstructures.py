@@ -13,8 +13,9 @@ import shapely
 from benchmarks.accuracy.rotations import scatter
 from benchmarks.table import keep
 from eaves.figures.attributes import surface_heights
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.roof_fit import collect_faces, fit_roof
+from eaves.geometry.roof_fit import RoofFaces, fit_roof
 from eaves.model import BuildingModel, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct import reconstruct_building
@@ -128,7 +129,7 @@ NOTE = "Shafts found are those that stand in the model, towers what stands of th
 
 def count_towers(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> list[shapely.Point]:
     """The middles of the faces, rings of corners, under 6 m² and more than 3 m over the roof around them."""
-    roof, found = collect_faces(faces, owner), []
+    roof, found = RoofFaces.of(FaceTable.of(faces), owner), []
     for rings in faces:
         plan = shapely.Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]])
         if plan.area >= 6.0:

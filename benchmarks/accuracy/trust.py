@@ -23,9 +23,10 @@ from shapely import STRtree
 from benchmarks.accuracy.detection_fit import regression
 from benchmarks.accuracy.drawn_blocks import detached_house, large_building
 from benchmarks.table import as_markdown, keep
-from eaves.buildings import trust
+from eaves.figures import trust
 from eaves.formats.vectors.geopackage import read_details
-from eaves.geometry.roof_fit import RoofFaces, collect_faces, fit_roof
+from eaves.geometry.face_table import FaceTable
+from eaves.geometry.roof_fit import RoofFaces, fit_roof
 from eaves.model import Mask, Values
 from eaves.model.cloud import UNCLASSIFIED
 from eaves.pipeline import build
@@ -136,18 +137,22 @@ def judged(scene: ExactScene, folder: Path) -> Judged:
     rows = [row | details.get(row["id"], {}) for row in rows]
     plans = shapely.from_wkb(shapes)
     there = np.flatnonzero([shape is not None and shape.area >= SMALLEST_M2 for shape in plans])
-    true_faces = collect_faces(
-        [rings_of(face.polygon, face.coefficients) for one in scene.buildings for face in one.faces],
+    true_faces = RoofFaces.of(
+        FaceTable.of(
+            [rings_of(face.polygon, face.coefficients) for one in scene.buildings for face in one.faces]
+        ),
         [one.number for one in scene.buildings for _ in one.faces],
     )
     origin = np.array(scene.cloud.origin)
     names, _, shapes, columns = pyogrio.raw.read(path, layer="roof_planes", columns=["building_id"])
     owner = {rows[k]["id"]: k for k in range(len(rows))}
-    built = collect_faces(
-        [
-            [shapely.get_coordinates(ring, include_z=True)[:-1] - [*origin, 0.0] for ring in rings(shape)]
-            for shape in shapely.from_wkb(shapes)
-        ],
+    built = RoofFaces.of(
+        FaceTable.of(
+            [
+                [shapely.get_coordinates(ring, include_z=True)[:-1] - [*origin, 0.0] for ring in rings(shape)]
+                for shape in shapely.from_wkb(shapes)
+            ]
+        ),
         [owner[name] for name in columns[0]],
     )
     houses = [shapely.transform(one.footprint, lambda xy: xy + origin) for one in scene.buildings]

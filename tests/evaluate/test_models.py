@@ -13,6 +13,7 @@ from eaves.evaluate import evaluate_models
 from eaves.evaluate.city import CityBuilding, read_buildings
 from eaves.evaluate.models import lay_points
 from eaves.formats import write_cityjson
+from eaves.geometry.face_table import FaceTable
 from eaves.simulate import nine_roofs_on_a_slope
 
 SLOPE = 0.75  # 3:4:5: the cosine of the slope is 0.8
@@ -29,8 +30,8 @@ def shed(name: str, west: float, lift: float = 0.0, roof: bool = True) -> CityBu
     faces = ([ring], [base[::-1]], *walls)
     footprint = shapely.box(x0, 0, x1, 8)
     if not roof:
-        return CityBuilding(name, "", ("0",), (), (), footprint)
-    return CityBuilding(name, "2.2", ("0", "2.2"), ([ring],), faces, footprint)
+        return CityBuilding(name, "", ("0",), FaceTable.of([]), FaceTable.of([]), footprint)
+    return CityBuilding(name, "2.2", ("0", "2.2"), FaceTable.of([[ring]]), FaceTable.of(faces), footprint)
 
 
 def points_on(*sheds: CityBuilding) -> np.ndarray:
@@ -96,7 +97,8 @@ def test_points_under_others_and_outside_do_not_count() -> None:
 
 
 def test_the_highest_of_several_faces_counts() -> None:
-    double = CityBuilding("a", "2.2", (), (*PAIR[0].roofs, *shed("x", 0, -1).roofs), (), PLACES["a"])
+    roofs = FaceTable.join([PAIR[0].roofs, shed("x", 0, -1).roofs])
+    double = CityBuilding("a", "2.2", (), roofs, FaceTable.of([]), PLACES["a"])
     assert evaluate_models([double], points_on(PAIR[0]), {"a": PLACES["a"]}).rmse_mean_m < 1e-9
 
 
@@ -125,11 +127,13 @@ def test_damaged_faces_have_a_footprint_of_polygons(tmp_path: Path) -> None:
 def test_a_roof_as_wide_as_a_country_is_refused_and_not_laid_out() -> None:
     wide = np.array([[0, 0, 3], [1e7, 0, 3], [1e7, 1e7, 3], [0, 1e7, 3.0]])
     with pytest.raises(ValueError, match="more than any roof"):
-        lay_points([CityBuilding("a", "2.2", ("2.2",), ([wide],), ([wide],), shapely.box(0, 0, 1e7, 1e7))])
+        faces = FaceTable.of([[wide]])
+        lay_points([CityBuilding("a", "2.2", ("2.2",), faces, faces, shapely.box(0, 0, 1e7, 1e7))])
 
 
 def test_a_reference_without_volume_has_no_share_in_the_volume_error() -> None:
-    flat = CityBuilding("a", "2.2", ("2.2",), ([ring_of(3.0)],), ([ring_of(3.0)],), shapely.box(0, 0, 4, 8))
+    faces = FaceTable.of([[ring_of(3.0)]])
+    flat = CityBuilding("a", "2.2", ("2.2",), faces, faces, shapely.box(0, 0, 4, 8))
     score = evaluate_models([flat], lay_points([flat]), {"a": flat.footprint}, [], [flat])
     assert np.isnan(score.volume_error)
 

@@ -10,8 +10,9 @@ import pytest
 import shapely
 
 from eaves import build, validate_model
-from eaves.figures.attributes import face_vectors, measure_volume
+from eaves.figures.attributes import measure_volume
 from eaves.formats import write_cityjson
+from eaves.geometry.face_table import FaceTable
 from eaves.model import BuildingModel, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE
 from eaves.reconstruct import add_overhangs
@@ -30,7 +31,7 @@ def roof_of(masses: Masses, height: float = 4.0) -> BuildingModel:
 
 def area_of(solid: Solid, surface: str) -> float:
     """Area in plan (m²) of the faces of one kind."""
-    vectors = face_vectors(solid)
+    vectors = FaceTable.of_solids([solid]).vectors
     return float(sum(abs(v[2]) for f, v in zip(solid.faces, vectors, strict=True) if f.surface == surface))
 
 

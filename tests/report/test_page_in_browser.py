@@ -310,11 +310,12 @@ def repeat_to(contents: Contents, count: int) -> Contents:
             for row in contents.rows
         ]
         polygons += [shapely.transform(shape, lambda xy, by=move: xy + by[:2]) for shape in contents.polygons]
+        table = contents.faces.table.moved(move)
         faces += [
-            CityFace(
-                tuple(ring + move for ring in face.rings), face.building + copy * own, face.lod, face.kind
+            CityFace(tuple(table.rings_of(k)), building + copy * own, lod, kind)
+            for k, (building, lod, kind) in enumerate(
+                zip(contents.faces.building, contents.faces.lod, contents.faces.kind, strict=True)
             )
-            for face in contents.faces
         ]
     return replace(contents, rows=rows, polygons=polygons, faces=CityFaces.of(faces), buildings=len(rows))
 

@@ -19,7 +19,7 @@ from eaves.model import BuildingModel, Footprint
 from eaves.simulate.objects.roofs import ExactScene
 from eaves.validate import validate_model
 
-MODELLING, CHECKING = 8_300, 3_200
+MODELLING, CHECKING = 8_600, 3_200
 """Calls of functions, Python's and libraries', for one gabled house."""
 COUNT = """
 import json, pathlib, sys

@@ -13,8 +13,9 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.formats import CityObject, read_cityjson
 from eaves.formats.models.cityjson_read import has_corners
-from eaves.geometry.rings import area_vector, polygon_parts
-from eaves.geometry.roof_fit import RoofFaces, collect_faces
+from eaves.geometry.face_table import FaceTable
+from eaves.geometry.rings import polygon_parts
+from eaves.geometry.roof_fit import RoofFaces
 from eaves.model import CoordinateSystem, Points
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
@@ -29,35 +30,27 @@ Rings = list[Points]
 class CityBuilding:
     """One building with its parts at one level of detail, in world metres.
 
-    `roofs` and `faces` hold the rings of the roof faces and of all faces; `lod` is the level ("" when there
+    `roofs` and `faces` are the roof faces and all faces; `lod` is the level ("" when there
     is no model); `lods` are all levels the file has of it.
     """
 
     id: str
     lod: str
     lods: tuple[str, ...]
-    roofs: tuple[Rings, ...]
-    faces: tuple[Rings, ...]
+    roofs: FaceTable
+    faces: FaceTable
     footprint: Polygon | MultiPolygon
     system: CoordinateSystem = LOCAL_METRES
 
     @property
     def volume(self) -> float:
         """Volume (m³) the faces enclose, by the divergence theorem."""
-        if not self.faces:
-            return 0.0
-        centre = np.concatenate([face[0] for face in self.faces]).mean(axis=0)
-        total = 0.0
-        for ring in (ring for face in self.faces for ring in face):
-            away = ring - centre
-            total += float(np.einsum("i,ti->", away[0], np.cross(away[1:-1], away[2:])))
-        return total / 6.0
+        return self.faces.volume
 
     @property
     def height(self) -> float:
         """Highest minus lowest vertex (m)."""
-        z = np.concatenate([face[0][:, 2] for face in self.faces]) if self.faces else np.zeros(1)
-        return float(np.ptp(z))
+        return float(np.ptp(self.faces.corners[:, 2])) if self.faces else 0.0
 
 
 def read_buildings(path: str | Path, lod: str | None = None) -> list[CityBuilding]:
@@ -72,18 +65,16 @@ def read_buildings(path: str | Path, lod: str | None = None) -> list[CityBuildin
 
 def roofs_of(buildings: Sequence[CityBuilding], origin: tuple[float, float]) -> RoofFaces:
     """The roof faces of buildings about an origin; `owner` is the number of the building."""
-    return collect_faces(
-        [[ring - [*origin, 0.0] for ring in rings] for item in buildings for rings in item.roofs],
-        [number for number, item in enumerate(buildings) for _ in item.roofs],
-    )
+    table = FaceTable.join([item.roofs for item in buildings]).moved(-np.array([*origin, 0.0]))
+    return RoofFaces.of(table, np.repeat(np.arange(len(buildings)), [len(item.roofs) for item in buildings]))
 
 
 def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityBuilding:
     geometries = [(item, geometry) for item in items for geometry in item.geometries]
     lods = tuple(sorted({geometry.lod for _, geometry in geometries}))
     wanted = lod if lod is not None else max((level for level in lods if level >= "1"), default="")
-    roofs: list[Rings] = []
     faces: list[Rings] = []
+    is_roof: list[bool] = []
     ground: list[Polygon] = []
     for item, geometry in geometries:
         for face in (face for solid in geometry.solids for shell in solid for face in shell):
@@ -92,23 +83,21 @@ def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityB
             rings = [item.vertices[list(ring)] for ring in face.rings]
             if geometry.lod == wanted:
                 faces.append(rings)
-                if face.surface == ROOF_SURFACE or (not face.surface and _faces_up(rings[0])):
-                    roofs.append(rings)
+                is_roof.append(face.surface == ROOF_SURFACE or (not face.surface and _faces_up(rings)))
             if geometry.lod == "0" or (face.surface == GROUND_SURFACE and geometry.lod == wanted):
                 ground.append(_shadow(rings))
-    plan = ground or [_shadow(rings) for rings in roofs]
+    plan = ground or [_shadow(rings) for rings, up in zip(faces, is_roof, strict=True) if up]
     footprint = shapely.union_all([shapely.make_valid(shape) for shape in plan], grid_size=0.001)
     if footprint.geom_type not in ("Polygon", "MultiPolygon"):  # damaged faces have lines for a shadow
         footprint = MultiPolygon(polygon_parts(footprint))
-    return CityBuilding(
-        name, wanted if faces else "", lods, tuple(roofs), tuple(faces), footprint, items[0].system
-    )
+    table = FaceTable.of(faces)
+    roofs = table.take(np.array(is_roof, bool))
+    return CityBuilding(name, wanted if faces else "", lods, roofs, table, footprint, items[0].system)
 
 
 def _shadow(rings: Rings) -> Polygon:
     return Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]])
 
 
-def _faces_up(ring: Points) -> bool:
-    normal = area_vector(ring)
-    return bool(normal[2] > FLATTEST * np.linalg.norm(normal))
+def _faces_up(rings: Rings) -> bool:
+    return bool(FaceTable.of([rings]).normals[0, 2] > FLATTEST)

@@ -293,7 +293,7 @@ def _origin(points: Points, buildings: Sequence[CityBuilding]) -> tuple[float, f
     if len(points):
         x, y = np.floor(points[:, :2].min(axis=0))
         return float(x), float(y)
-    corners = [ring[:, :2].min(axis=0) for item in buildings for rings in item.roofs for ring in rings[:1]]
+    corners = [item.roofs.corners[:, :2].min(axis=0) for item in buildings if item.roofs]
     x, y = np.floor(np.min(corners, axis=0)) if corners else (0.0, 0.0)
     return float(x), float(y)
 

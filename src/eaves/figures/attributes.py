@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,9 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.figures.roof_figures import face_shapes, roof_figures
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.percentiles import quantile
-from eaves.geometry.rings import following_places, ring_edges
-from eaves.geometry.roof_fit import face_planes_kernel, highest_faces
-from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.geometry.roof_fit import highest_faces
 from eaves.model import BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 
@@ -74,39 +72,9 @@ Surface = tuple[Values, Values, NDArray[np.int64]]
 """Height of a model over places (N,), cosine of its slope there, number of the roof face."""
 
 
-def face_vectors(solid: Solid) -> NDArray[np.float64]:
-    """Vector areas (F, 3) of the faces, holes taken off: direction outwards, length the area (Newell)."""
-    start, end, ring = ring_edges([ring for face in solid.faces for ring in face.rings])
-    owner = np.repeat(np.arange(len(solid.faces)), [len(face.rings) for face in solid.faces])[ring]
-    centred = solid.vertices - solid.vertices[0]
-    x, y, z = centred[start].T
-    u, v, w = centred[end].T
-    cross = 0.5 * (y * w - z * v), 0.5 * (z * u - x * w), 0.5 * (x * v - y * u)
-    return np.column_stack([np.bincount(owner, one, len(solid.faces)) for one in cross])
-
-
 def measure_volume(solid: Solid) -> float:
     """Volume (m³) of a closed solid."""
-    return volume_of(solid, face_vectors(solid))
-
-
-def volume_of(solid: Solid, vectors: NDArray[np.float64]) -> float:
-    """Volume (m³) of a closed solid with the vector areas (F, 3) of its faces."""
-    first = np.array([face.rings[0][0] for face in solid.faces])
-    heads = solid.vertices[first] - solid.vertices[0]
-    return float((heads * vectors).sum() / 3.0)
-
-
-def azimuth_of(normal: NDArray[np.float64]) -> float | None:
-    """Direction the slope falls to, degrees clockwise from grid north, or None under 2 degrees of slope."""
-    if slope_of(normal) < FLAT_SLOPE_DEG:
-        return None
-    return float(np.degrees(np.arctan2(normal[0], normal[1])) % 360.0)
-
-
-def slope_of(normal: NDArray[np.float64]) -> float:
-    """Degrees from the horizontal of a face with this normal or vector area (3,)."""
-    return float(np.degrees(np.arctan2(np.hypot(normal[0], normal[1]), normal[2])))
+    return FaceTable.of_solids([solid]).volume
 
 
 def surface_heights(solids: tuple[Solid, ...], xy: NDArray[np.float64]) -> Surface:
@@ -114,27 +82,15 @@ def surface_heights(solids: tuple[Solid, ...], xy: NDArray[np.float64]) -> Surfa
 
     Roof faces are counted through all solids; where there is none the height is NaN and the number -1.
     """
-    rings, corners, outer = [], [], []
-    for solid in solids:
-        faces = [face.rings for face in solid.faces if face.surface == ROOF_SURFACE]
-        corners.append(solid.vertices[[vertex for own in faces for ring in own for vertex in ring]])
-        rings += [len(ring) for own in faces for ring in own]
-        outer += [place == 0 for own in faces for place in range(len(own))]
-    size, is_outer = np.array(rings, np.int64), np.array(outer, bool)
-    places = np.concatenate([np.zeros((0, 3)), *corners])
-    owner = np.repeat(np.cumsum(is_outer) - 1, size)
-    of_outer = np.repeat(is_outer, size)
-    planes = face_planes_kernel(places[of_outer], np.cumsum(np.append(0, size[is_outer])))
-    start, end = places[:, :2], places[following_places(size), :2]
-    known = ~np.isnan(planes[:, 0])
-    if not known.all():
-        mine = known[owner]
-        start, end, owner = start[mine], end[mine], (np.cumsum(known) - 1)[owner[mine]]
-        planes = planes[known]
-    face, height = highest_faces(xy, start, end, owner, planes)
-    a, b, _ = planes.T
+    faces = FaceTable.of_solids(solids, ROOF_SURFACE)
+    sloped = np.flatnonzero(~np.isnan(faces.planes[:, 0]))
+    if len(sloped) < len(faces):
+        faces = faces.take(~np.isnan(faces.planes[:, 0]))
+    places = faces.corners[:, :2]
+    face, height = highest_faces(xy, places, places[faces.following], faces.face_of_corner, faces.planes)
+    a, b, _ = faces.planes.T
     cosine = np.append(1.0 / np.sqrt(a * a + b * b + 1.0), 1.0)
-    return height, cosine[face], face
+    return height, cosine[face], np.append(sloped, -1)[face]
 
 
 def describe_roof(
@@ -176,15 +132,17 @@ def describe_roof(
 def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
     """What the solids of a model's finest level say by themselves, with a record for each roof face."""
     solids = model.solids[model.lod]
-    vectors = [face_vectors(solid) for solid in solids]
-    roof_faces, wall_area = describe_faces(solids, vectors)
-    volume = float(sum(map(volume_of, solids, vectors)))
+    faces = FaceTable.of_solids(solids)
+    surface = np.array([face.surface for solid in solids for face in solid.faces])
+    roofs = faces.take(surface == ROOF_SURFACE)
+    roof_faces = describe_faces(roofs)
+    volume = faces.volume
     mean_height = volume / float(model.footprint.polygon.area)
     return {
-        **roof_figures(roof_faces, ground, face_shapes(solids), mean_height),
+        **roof_figures(roof_faces, ground, face_shapes(roofs), mean_height),
         "h_ground": ground,
         "volume_m3": volume,
-        "wall_area_m2": wall_area,
+        "wall_area_m2": float(faces.areas[surface == WALL_SURFACE].sum()),
         "roof_area_m2": float(sum(face["area_m2"] for face in roof_faces)),
         "roof_projected_m2": float(sum(face["projected_m2"] for face in roof_faces)),
         "roof_face_count": len(roof_faces),
@@ -208,30 +166,22 @@ def measure_again(model: BuildingModel) -> BuildingModel:
     return model.with_(attributes={**known, **sizes, "storeysAboveGround": storeys})
 
 
-def describe_faces(
-    solids: tuple[Solid, ...], vectors: Sequence[NDArray[np.float64]]
-) -> tuple[list[dict[str, Any]], float]:
-    """One record for each roof face, in order, and the area of all walls (m²); `vectors` (F, 3) are the
-    vector areas of each solid's faces."""
-    records, wall_area = [], 0.0
-    for solid, own in zip(solids, vectors, strict=True):
-        z = solid.vertices[:, 2].tolist()
-        for face, vector in zip(solid.faces, own, strict=True):
-            if face.surface == WALL_SURFACE:
-                wall_area += float(np.sqrt(vector.dot(vector)))
-            elif face.surface == ROOF_SURFACE:
-                heights = [z[vertex] for vertex in face.rings[0]]
-                records.append(
-                    {
-                        "slope_deg": slope_of(vector),
-                        "azimuth_deg": azimuth_of(vector),
-                        "area_m2": float(np.sqrt(vector.dot(vector))),
-                        "projected_m2": float(vector[2]),
-                        "h_low": min(heights),
-                        "h_high": max(heights),
-                    }
-                )
-    return records, wall_area
+def describe_faces(faces: FaceTable) -> list[dict[str, Any]]:
+    """One record for each roof face, in order."""
+    low, high = faces.heights
+    columns = {
+        "slope_deg": faces.slopes_deg,
+        "azimuth_deg": faces.azimuths_deg,
+        "area_m2": faces.areas,
+        "projected_m2": faces.vectors[:, 2],
+        "h_low": low,
+        "h_high": high,
+    }
+    records = [dict(zip(columns, row, strict=True)) for row in np.column_stack([*columns.values()]).tolist()]
+    for record in records:
+        if np.isnan(record["azimuth_deg"]):
+            record["azimuth_deg"] = None
+    return records
 
 
 def empty_cells(points: Points, model: BuildingModel) -> tuple[NDArray[np.float64], Mask]:

@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.figures.attributes import face_vectors
 from eaves.figures.roof_figures import QUARTERS, quarter_of
+from eaves.geometry.face_table import FaceTable
 from eaves.model import BuildingModel
 from eaves.model.building import WALL_SURFACE
 
@@ -41,17 +41,14 @@ class Walls:
     @classmethod
     def of(cls, model: BuildingModel) -> Walls:
         """The walls of a model's finest level, about the origin of its footprint."""
-        corners, outward = [], []
-        for solid in model.solids.get(model.lod, ()):
-            for face, vector in zip(solid.faces, face_vectors(solid), strict=True):
-                size = float(np.hypot(vector[0], vector[1]))
-                if face.surface == WALL_SURFACE and size > 0.0:
-                    corners.append(solid.vertices[list(face.rings[0])])
-                    outward.append(vector[:2] / size)
+        faces = FaceTable.of_solids(model.solids.get(model.lod, ()), WALL_SURFACE)
+        faces = faces.take(np.hypot(*faces.vectors[:, :2].T) > 0.0)
+        corners = [faces.rings_of(face)[0] for face in range(len(faces))]
         start = [places[0, :2] for places in corners]
         far = [np.hypot(*(places[:, :2] - places[0, :2]).T).argmax() for places in corners]
         end = [places[last, :2] for places, last in zip(corners, far, strict=True)]
-        return cls(model.footprint.origin, pairs(start), pairs(end), pairs(outward), tuple(corners))
+        outward = faces.vectors[:, :2] / np.hypot(*faces.vectors[:, :2].T)[:, None]
+        return cls(model.footprint.origin, pairs(start), pairs(end), outward, tuple(corners))
 
     def about(self, origin: tuple[float, float]) -> Walls:
         """The same walls about another origin (world metres)."""

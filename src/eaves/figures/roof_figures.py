@@ -10,9 +10,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.rings import polygons_of, ring_edges
-from eaves.model import Solid
-from eaves.model.building import ROOF_SURFACE
+from eaves.geometry.face_table import FaceTable
 
 MAIN_SHARE = 0.9
 """The largest faces that cover so much of the plan are the main ones: dormers and chimneys decide nothing.
@@ -73,21 +71,15 @@ class FaceShape:
         return float(2.0 * self.plan.area / self.plan.length) if self.plan.length > 0.0 else 0.0
 
 
-def face_shapes(solids: Sequence[Solid]) -> list[FaceShape]:
-    """The shapes of all roof faces, in order."""
-    faces, tops = [], []
-    for solid in solids:
-        heights = solid.vertices[:, 2]
-        for face in solid.faces:
-            if face.surface != ROOF_SURFACE:
-                continue
-            start, end, _ = ring_edges(face.rings)
-            x, y, z = (solid.vertices[end] - solid.vertices[start]).T
-            level = (np.hypot(x, y) >= LONG_M) & (np.abs(z) <= LEVEL_M)
-            middle = (heights[start[level]] + heights[end[level]]) / 2.0
-            tops.append(float(middle.max()) if len(middle) else None)
-            faces.append([solid.vertices[list(ring), :2] for ring in face.rings])
-    return [FaceShape(plan, top) for plan, top in zip(polygons_of(faces), tops, strict=True)]
+def face_shapes(faces: FaceTable) -> list[FaceShape]:
+    """The shapes of roof faces, in order."""
+    start, end = faces.corners, faces.corners[faces.following]
+    x, y, z = (end - start).T
+    level = (np.hypot(x, y) >= LONG_M) & (np.abs(z) <= LEVEL_M)
+    tops = np.full(len(faces), -np.inf)
+    np.maximum.at(tops, faces.face_of_corner[level], (start[level, 2] + end[level, 2]) / 2.0)
+    pairs = zip(faces.polygons(), tops.tolist(), strict=True)
+    return [FaceShape(plan, top if np.isfinite(top) else None) for plan, top in pairs]
 
 
 def roof_figures(

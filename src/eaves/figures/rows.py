@@ -12,9 +12,8 @@ from shapely import Polygon
 
 from eaves.figures.party_walls import envelope_figures
 from eaves.figures.trust import judge
-from eaves.geometry.rings import area_vector
-from eaves.geometry.tolerance import FLAT_SLOPE_DEG
-from eaves.model import BuildingModel, Failure, Footprint, Points
+from eaves.geometry.face_table import FaceTable
+from eaves.model import BuildingModel, Failure, Footprint
 from eaves.model.building import OVERHANGS, ROOF_SURFACE
 
 
@@ -92,35 +91,32 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
         return
     origin = np.array([*answer.footprint.origin, 0.0])
     records = answer.attributes.get("roof_faces", ())
-    known = iter(records)
-    for solid in answer.solids[answer.lod]:
-        for face in solid.faces:
-            if face.surface != ROOF_SURFACE:
-                continue
-            rings = [solid.vertices[list(ring)] for ring in face.rings]
-            rmse = rmse_of(answer, face.plane)
-            record: dict[str, Any] = next(known, {})
-            if answer.lod == OVERHANGS and face.plane is not None and face.plane < len(records):
-                record = records[face.plane]  # a slab for each level: the faces come in another order
-            share = record.get("share_no_data")
-            polygon = Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]])
-            yield (
-                polygon,
-                {
-                    "building_id": answer.footprint.id,
-                    "lod": answer.lod,
-                    **face_figures(rings),
-                    "rmse_m": rmse,
-                    "points": record.get("points"),
-                    "share_no_data": None if share is None else round(share, 3),
-                    "no_data": record.get("no_data"),
-                    "h_low": rounded(record.get("h_low")),
-                    "h_high": rounded(record.get("h_high")),
-                    "h_ground": rounded(answer.attributes.get("h_ground")),
-                    **{key: rounded(record.get(key)) for key in ("inlier_share", "density", "coverage")},
-                    "weak": record.get("weak"),
-                },
-            )
+    solids = answer.solids[answer.lod]
+    table = FaceTable.of_solids(solids, ROOF_SURFACE)
+    faces = [face for solid in solids for face in solid.faces if face.surface == ROOF_SURFACE]
+    sizes = zip(table.moved(origin).polygons(3), face_figures(table), strict=True)
+    for number, (face, (polygon, figures)) in enumerate(zip(faces, sizes, strict=True)):
+        if answer.lod == OVERHANGS and face.plane is not None and face.plane < len(records):
+            number = face.plane  # a slab for each level: the faces come in another order
+        record: dict[str, Any] = records[number] if number < len(records) else {}
+        share = record.get("share_no_data")
+        yield (
+            polygon,
+            {
+                "building_id": answer.footprint.id,
+                "lod": answer.lod,
+                **figures,
+                "rmse_m": rmse_of(answer, face.plane),
+                "points": record.get("points"),
+                "share_no_data": None if share is None else round(share, 3),
+                "no_data": record.get("no_data"),
+                "h_low": rounded(record.get("h_low")),
+                "h_high": rounded(record.get("h_high")),
+                "h_ground": rounded(answer.attributes.get("h_ground")),
+                **{key: rounded(record.get(key)) for key in ("inlier_share", "density", "coverage")},
+                "weak": record.get("weak"),
+            },
+        )
 
 
 def rounded(value: float | None) -> float | None:
@@ -134,15 +130,13 @@ def rmse_of(model: BuildingModel, plane: int | None) -> float | None:
     return round(model.planes[plane].rmse, 4) if known and plane is not None else None
 
 
-def face_figures(rings: list[Points]) -> dict[str, float | None]:
-    """Slope, azimuth (clockwise from grid north, None if flat), sloped and projected area of a face."""
-    area = sum((area_vector(ring) for ring in rings), np.zeros(3))
-    sloped, projected = float(np.linalg.norm(area)), float(abs(area[2]))
-    slope = float(np.degrees(np.arccos(min(1.0, projected / sloped)))) if sloped else 0.0
-    azimuth = float(np.degrees(np.arctan2(area[0], area[1])) % 360.0)
-    return {
-        "slope_deg": round(slope, 2),
-        "azimuth_deg": round(azimuth, 1) if slope >= FLAT_SLOPE_DEG else None,
-        "area_m2": round(sloped, 2),
-        "projected_m2": round(projected, 2),
-    }
+def face_figures(faces: FaceTable) -> Iterator[dict[str, float | None]]:
+    """Slope, azimuth (clockwise from grid north, None if flat), sloped and projected area of each face."""
+    figures = faces.slopes_deg, faces.azimuths_deg, faces.areas, np.abs(faces.vectors[:, 2])
+    for slope, azimuth, area, projected in np.column_stack(figures).tolist():
+        yield {
+            "slope_deg": round(slope, 2),
+            "azimuth_deg": None if np.isnan(azimuth) else round(azimuth, 1),
+            "area_m2": round(area, 2),
+            "projected_m2": round(projected, 2),
+        }

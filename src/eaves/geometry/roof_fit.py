@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.inside import edges_of, points_in_polygons
-from eaves.geometry.rings import area_vector, polygons_of
 from eaves.kernels import kernel
 from eaves.model import Integers, Mask, Points, Values
 
@@ -19,9 +19,6 @@ NEAR = 0.3
 
 DROP = 0.6
 """How much higher (m) a point must be to hide another: walls, balconies and under-eaves drop out."""
-
-STEEPEST = 1e-3
-"""Smallest upward share of a roof face's normal: a steeper face has no height at a place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +32,16 @@ class RoofFaces:
     polygons: NDArray[np.object_]
     coefficients: Values
     owner: Integers
+
+    @classmethod
+    def of(cls, table: FaceTable, owner: Sequence[int] | Integers | None = None) -> RoofFaces:
+        """The faces of a table, of building 0 or the `owner` (F,); upright and empty ones are left out."""
+        sloped = ~np.isnan(table.planes[:, 0])
+        polygons = table.take(sloped).polygons()
+        broken = ~shapely.is_valid(polygons)
+        polygons[broken] = shapely.buffer(polygons[broken], 0)
+        owners = np.zeros(len(table), np.int64) if owner is None else np.asarray(owner)
+        return cls(polygons, table.planes[sloped], owners[sloped])
 
     @property
     def cosine(self) -> Values:
@@ -84,25 +91,6 @@ def uncovered_kernel(xyz: Points) -> Mask:
     return seen
 
 
-def collect_faces(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> RoofFaces:
-    """Roof faces from their rings (outer first) of points (M, 3); upright and empty ones are left out."""
-    kept: list[Sequence[Points]] = []
-    coefficients, owners = [], []
-    for rings, building in zip(faces, owner, strict=True):
-        normal, centre = area_vector(rings[0]), rings[0].mean(axis=0)
-        x, y, z = normal.tolist()
-        if abs(z) < STEEPEST * np.linalg.norm(normal) or z == 0.0:
-            continue
-        kept.append(rings)
-        a, b = -x / z, -y / z
-        coefficients.append((a, b, centre[2] - a * centre[0] - b * centre[1]))
-        owners.append(building)
-    polygons = polygons_of([[ring[:, :2] for ring in rings] for rings in kept])
-    for number in np.flatnonzero(~shapely.is_valid(polygons)):
-        polygons[number] = polygons[number].buffer(0)
-    return RoofFaces(polygons, np.array(coefficients).reshape(-1, 3), np.array(owners, np.int64))
-
-
 def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:
     """Each point (N, 3) against the highest face at its x, y."""
     face = np.full(len(points), -1)
@@ -138,27 +126,3 @@ def highest_faces(
         under, over, heights = under[order], over[order], heights[order]
     face[under], height[under] = over, heights
     return face, height
-
-
-@kernel
-def face_planes_kernel(places: Points, first: Integers) -> Values:
-    """The planes (F, 3: a, b, c) of faces with corners `first[f]` to `first[f + 1]` of `places` (K, 3), by
-    their vector areas and mean corners; NaN for those steeper than `STEEPEST`."""
-    planes = np.full((len(first) - 1, 3), np.nan)
-    for face in range(len(planes)):
-        ring = places[first[face] : first[face + 1]]
-        normal, centre = np.zeros(3), np.zeros(3)
-        for one in range(len(ring)):
-            x, y, z = ring[one] - ring[0]
-            u, v, w = ring[(one + 1) % len(ring)] - ring[0]
-            normal[0] += y * w - z * v
-            normal[1] += z * u - x * w
-            normal[2] += x * v - y * u
-            centre += ring[one]
-        normal, centre = 0.5 * normal, centre / len(ring)
-        x, y, z = normal
-        if abs(z) < STEEPEST * np.sqrt(x * x + y * y + z * z) or z == 0.0:
-            continue
-        a, b = -x / z, -y / z
-        planes[face] = a, b, centre[2] - a * centre[0] - b * centre[1]
-    return planes

@@ -20,7 +20,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.models.meshes import SURFACES
-from eaves.geometry.roof_fit import collect_faces, fit_roof
+from eaves.geometry.roof_fit import RoofFaces, fit_roof
 from eaves.model import (
     LOCAL_METRES,
     Bounds,
@@ -128,7 +128,7 @@ def read_contents(
     numbers = {str(row["id"]): number for number, row in enumerate(rows)}
     models = folder / "buildings.city.jsonl"
     faces = collect_city_faces(iter_cityjson(models) if models.exists() else (), numbers)
-    faces = replace(faces, corners=faces.corners - shift)
+    faces = replace(faces, table=faces.table.moved(-shift))
     sample = sample.with_(xyz=sample.xyz - shift)
     if not np.abs(sample.xyz).max(initial=0.0) < FARTHEST:
         sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
@@ -270,10 +270,9 @@ def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:
     x, y, z = np.ascontiguousarray(xyz.T)
     distance, height = np.full(len(xyz), np.nan), np.full(len(xyz), -np.inf)
     for piece in in_pieces(roofs, ROOFS_AT_ONCE):
-        (west, south), (east, north) = (side(piece.corners[:, :2], axis=0) for side in (np.min, np.max))
+        (west, south), (east, north) = (side(piece.table.corners[:, :2], axis=0) for side in (np.min, np.max))
         near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
-        given = collect_faces([face.rings for face in piece], piece.building.tolist())
-        fit = fit_roof(xyz[near], given)
+        fit = fit_roof(xyz[near], RoofFaces.of(piece.table))
         found = z[near] - fit.vertical
         higher = found > height[near]  # false where the piece has no face
         height[near[higher]], distance[near[higher]] = found[higher], fit.distance[higher]

@@ -17,7 +17,7 @@ from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
 from eaves.report.convert import footprint_frame, required_library
 from eaves.report.sample import Sample, classified_files, sample_points
-from eaves.report.surfaces import collect_city_faces, cut_into_triangles
+from eaves.report.surfaces import collect_city_faces
 
 FILE_DIGITS = 4
 """Decimals (m) of a file's corners; rounded to them, those of neighbouring faces are one."""
@@ -106,7 +106,7 @@ class Results(Summary):
             own = faces.take(finest & (faces.building == number))
             if not own:
                 continue
-            corners, _ = cut_into_triangles(own)
+            corners = own.table.corners[own.table.triangles()[0]]
             origin = np.floor(corners.min(axis=(0, 1)))
             meshes[name] = trimesh.Trimesh(
                 np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),

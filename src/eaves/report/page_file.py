@@ -29,7 +29,7 @@ from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
 from eaves.report.basemap import fit_web_mercator
 from eaves.report.contents import Contents, local_rings
-from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, face_edges, in_pieces
+from eaves.report.surfaces import CityFace, CityFaces, in_pieces
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
@@ -200,11 +200,11 @@ def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """Points, triangles, edges, outlines and terrain; buildings count from 1, 0 is none."""
     yield from page_points(contents)
     yield from triangle_arrays(contents)
-    corners = as_millimetres(contents.faces.corners)
-    ends, edge_face = face_edges(contents.faces)
-    yield "edge_xyz", corners[ends]
-    yield "edge_building", (contents.faces.building[edge_face] + 1).astype(np.uint32)
-    yield "edge_lod", contents.faces.lod[edge_face].astype(np.uint8)
+    table = contents.faces.table
+    corners = as_millimetres(table.corners)
+    yield "edge_xyz", np.stack([corners, corners[table.following]], axis=1)
+    yield "edge_building", (contents.faces.building[table.face_of_corner] + 1).astype(np.uint32)
+    yield "edge_lod", contents.faces.lod[table.face_of_corner].astype(np.uint8)
     outlines, outline_row = draped_outlines(contents)
     yield "outline_xyz", as_millimetres(outlines)
     yield "outline_building", outline_row.astype(np.uint32)
@@ -237,8 +237,8 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     corners = [np.zeros((0, 3, 3), np.int32)]
     figures: dict[str, list[NDArray[Any]]] = {name: [] for name in KINDS}
     for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
-        cut, face = cut_into_triangles(piece)
-        corners.append(as_millimetres(cut))
+        corner, face = piece.table.triangles()
+        corners.append(as_millimetres(piece.table.corners[corner]))
         for name, values in figures.items():
             values.append(getattr(piece, name)[face].astype(KINDS[name]))
     whole = np.concatenate(corners)

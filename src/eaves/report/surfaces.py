@@ -1,20 +1,17 @@
-"""Models cut into triangles and edges, as the page and the pictures draw them."""
+"""Faces of many models in a few arrays, as the page and the pictures draw them."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
-import shapely
-from numpy.typing import NDArray
 
 from eaves.formats import CityObject
 from eaves.formats.models.meshes import SURFACES
-from eaves.geometry.rings import following_places
-from eaves.model import Integers, Mask, Points, Values
+from eaves.geometry.face_table import FaceTable
+from eaves.model import Integers, Mask, Points
 from eaves.model.building import LODS
 
 UNKNOWN_ERROR = 65535
@@ -38,16 +35,11 @@ class CityFace:
 
 @dataclass(frozen=True, eq=False)
 class CityFaces:
-    """Many faces in a few arrays, a tenth of what they take as objects.
-
-    `corners` (V, 3) are those of all rings, one behind the other; `ring_start` (R + 1,) is where in them
-    each ring starts, `face_start` (F + 1,) where in the rings each face does; `building`, `lod`,
-    `kind` and `error` (F,) are as in `CityFace`.
+    """Many faces in a few arrays, a tenth of what they take as objects: a table of them, and of each
+    `building`, `lod`, `kind` and `error` (F,) as in `CityFace`.
     """
 
-    corners: Points
-    ring_start: Integers
-    face_start: Integers
+    table: FaceTable
     building: Integers
     lod: Integers
     kind: Integers
@@ -68,19 +60,10 @@ class CityFaces:
     def __len__(self) -> int:
         return len(self.building)
 
-    def __iter__(self) -> Iterator[CityFace]:
-        figures = np.stack([self.building, self.lod, self.kind, self.error], axis=1).tolist()
-        for (one, two), about in zip(pairwise(self.face_start.tolist()), figures, strict=True):
-            cuts = pairwise(self.ring_start[one : two + 1].tolist())
-            yield CityFace(tuple(self.corners[first:last] for first, last in cuts), *about)
-
     def take(self, which: Mask) -> CityFaces:
         """The faces where the mask (F,) is true."""
-        counts, sizes = np.diff(self.face_start), np.diff(self.ring_start)
-        ring = np.repeat(which, counts)
-        starts = (np.concatenate([[0], np.cumsum(some)]) for some in (sizes[ring], counts[which]))
         figures = (values[which] for values in (self.building, self.lod, self.kind, self.error))
-        return CityFaces(self.corners[np.repeat(ring, sizes)], *starts, *figures)
+        return CityFaces(self.table.take(which), *figures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +78,11 @@ class _Pile:
 
     def as_faces(self) -> CityFaces:
         """The faces gathered."""
-        starts = (np.concatenate([[0], np.cumsum(some)]) for some in (self.rings, self.counts))
+        corners = np.array(self.corners, np.float64).reshape(-1, 3)
         figures = np.array(self.figures, np.int64).reshape(-1, 4).T.copy()
-        return CityFaces(np.array(self.corners, np.float64).reshape(-1, 3), *starts, *figures)
+        return CityFaces(
+            FaceTable(corners, np.array(self.rings, np.int64), np.array(self.counts, np.int64)), *figures
+        )
 
 
 def in_pieces(faces: CityFaces, size: int = PIECE_FACES) -> Iterator[CityFaces]:
@@ -134,83 +119,3 @@ def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -
 def whole_millimetres(error: float | None) -> int:
     """An RMSE (m) as `CityFace` has it."""
     return UNKNOWN_ERROR if error is None else min(round(1000.0 * error), UNKNOWN_ERROR - 1)
-
-
-def cut_into_triangles(faces: CityFaces) -> tuple[Points, Integers]:
-    """Constrained Delaunay triangles of planar faces, found on each face's own plane: corners (T, 3, 3),
-    counter-clockwise from outside, and the number (T,) of the face of each."""
-    if not len(faces):
-        return np.zeros((0, 3, 3)), np.zeros(0, np.int64)
-    own, sizes, counts = faces.corners, np.diff(faces.ring_start), np.diff(faces.face_start)
-    ring_face = np.repeat(np.arange(len(faces)), counts)
-    number = np.repeat(ring_face, sizes)
-    outer = faces.face_start[:-1]
-    frame = _frames(own, sizes, outer)
-    aside = own - frame[number, 0]
-    places = np.stack([(aside * frame[number, axis]).sum(axis=1) for axis in (1, 2)], axis=1) + 0.0
-    edges = shapely.linearrings(places, indices=np.repeat(np.arange(len(sizes)), sizes))
-    shapes = np.asarray(shapely.polygons(edges, indices=ring_face), object)
-    broken = ~shapely.is_valid(shapes)
-    shapes[broken] = shapely.buffer(shapes[broken], 0)
-    pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
-    uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    clockwise = one[:, 0] * two[:, 1] < one[:, 1] * two[:, 0]
-    uv[clockwise] = uv[clockwise][:, ::-1]
-    corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:])
-    _take_own_corners(corners, uv, owner, own, places, number)
-    return corners, np.asarray(owner, np.int64)
-
-
-def _take_own_corners(
-    corners: Points,
-    uv: Values,
-    owner: Integers,
-    own: Points,
-    places: Values,
-    number: Integers,
-) -> None:
-    """Put triangle corners (T, 3, 3) where the faces' own (V, 3) are, whose places on their plane and faces
-    are given: faces are planar to a millimetre only, and neighbours must meet."""
-    face = np.concatenate([number, np.repeat(owner, 3)])
-    u, v = np.concatenate([places, uv.reshape(-1, 2) + 0.0]).T
-    order = np.lexsort((v, u, face))
-    new = np.zeros(len(order), np.int64)
-    for key in (face[order], u[order], v[order]):
-        new[1:] |= key[1:] != key[:-1]
-    which = np.empty(len(order), np.int64)
-    which[order] = np.cumsum(new)
-    known = np.full(int(which.max(initial=-1)) + 1, -1)
-    known[which[: len(own)]] = np.arange(len(own))
-    found = known[which[len(own) :]]
-    hit = found >= 0
-    corners.reshape(-1, 3)[hit] = own[found[hit]]
-
-
-def face_edges(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Which corners every ring edge goes between, (E, 2), and the number (E,) of its face."""
-    size = np.diff(faces.ring_start)
-    following = following_places(size).astype(np.int32)
-    ring_face = np.repeat(np.arange(len(faces), dtype=np.int32), np.diff(faces.face_start))
-    ends = np.stack([np.arange(len(following), dtype=np.int32), following], axis=1)
-    return ends, np.repeat(ring_face, size)
-
-
-def _frames(corners: Points, sizes: Integers, outer: Integers) -> Values:
-    """Origin and two directions on its plane, (F, 3, 3), of each ring numbered in `outer`; the
-    rings have `sizes` corners each."""
-    start = np.cumsum(sizes) - sizes
-    aside = corners - np.repeat(corners[start], sizes, axis=0)
-    area = np.add.reduceat(np.cross(aside, aside[following_places(sizes)]), start, axis=0)[
-        outer
-    ]  # Newell's sum
-    length = np.linalg.norm(area, axis=1)
-    area[length == 0] = 0.0, 0.0, 1.0
-    normal = area / np.where(length > 0, length, 1.0)[:, None]
-    a, b, c = normal.T
-    long = np.hypot(a, b)
-    steep = long > 1e-9
-    d, e = np.where(steep, [-b, a], [[1.0], [0.0]]) / np.where(steep, long, 1.0)
-    first = np.stack([d, e, np.zeros(len(d))], axis=1)
-    second = np.stack([-c * e, c * d, a * e - b * d], axis=1)
-    return np.stack([corners[start[outer]], first, second], axis=1)

@@ -15,7 +15,8 @@ from shapely import Polygon
 
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cityjson
-from eaves.geometry.rings import area_vector, as_polygon
+from eaves.geometry.face_table import FaceTable
+from eaves.geometry.rings import as_polygon
 from eaves.model import Bounds, Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
@@ -140,16 +141,17 @@ def _exact_building(name: str, solid: Solid, number: int, first_face: int) -> Ex
     """The building of a shell: roof faces numbered, other faces classified; None when it has no roof."""
     shell: list[Face] = []
     faces: list[ExactFace] = []
-    for face in solid.faces:
+    table = FaceTable.of_solids([solid])
+    rows = zip(solid.faces, table.normals, table.planes.tolist(), strict=True)
+    for face, normal, (a, b, c) in rows:
         corners = solid.vertices[list(face.rings[0])]
-        normal = _face_normal(corners)
         surface = face.surface or _guess(normal)
         if surface == ROOF_SURFACE and abs(normal[2]) > LOWEST_ROOF_NORMAL:
             polygon = as_polygon(
                 Polygon(corners[:, :2], [solid.vertices[list(r)][:, :2] for r in face.rings[1:]])
             )
             if polygon is not None:
-                exact = ExactFace(polygon, _plane_of_face(corners, normal), first_face + len(faces))
+                exact = ExactFace(polygon, (a, b, c), first_face + len(faces))
                 shell.append(Face(face.rings, ROOF_SURFACE, len(faces)))
                 faces.append(exact)
                 continue
@@ -195,23 +197,10 @@ def _tile(faces: list[ExactFace], grid: float) -> list[tuple[Polygon, int]]:
     ]
 
 
-def _face_normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit normal (3,) of a ring (K, 3) by Newell's sum; zero for a ring without area."""
-    total = area_vector(corners)
-    length = float(np.linalg.norm(total))
-    return total / length if length > 0 else np.zeros(3)
-
-
 def _guess(normal: NDArray[np.float64]) -> str:
     if normal[2] > LOWEST_ROOF_NORMAL:
         return ROOF_SURFACE
     return GROUND_SURFACE if normal[2] < -LOWEST_ROOF_NORMAL else WALL_SURFACE
-
-
-def _plane_of_face(corners: NDArray[np.float64], normal: NDArray[np.float64]) -> tuple[float, float, float]:
-    a, b = -normal[0] / normal[2], -normal[1] / normal[2]
-    centre = corners.mean(axis=0)
-    return float(a), float(b), float(centre[2] - a * centre[0] - b * centre[1])
 
 
 def _terrain_through(buildings: list[ExactBuilding], bounds: Bounds) -> Terrain:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import Polygon
 
-from eaves.geometry.rings import area_vector
+from eaves.geometry.face_table import FaceTable
 from eaves.model import Integers, Mask, Raster, Values
 from eaves.solar.horizon import horizons, lit_light, sky_shares
 from eaves.solar.sun import MONTHS, Hours, light_on_plane
@@ -64,14 +64,6 @@ class FaceLight:
     """Share of the face on which something stands that is no roof face, or hangs over it."""
 
 
-def face_plane(face: Polygon) -> Values:
-    """The coefficients (3,) of the plane z = a·x + b·y + c of a roof face with heights."""
-    ring = face_rings(face)[0]
-    area = area_vector(ring)
-    a, b = -area[:2] / area[2] if abs(area[2]) > 0.0 else (0.0, 0.0)
-    return np.array([a, b, float((ring[:, 2] - a * ring[:, 0] - b * ring[:, 1]).mean())])
-
-
 def best_in_the_open(hours: Hours, rules: SolarRules) -> float:
     """kWh/m² a year on the best tilted plane with nothing in the way."""
     best = 0.0
@@ -119,20 +111,34 @@ def light_on_faces(
     wanted : sequence of int
         Numbers of the faces that are asked for.
     """
-    planes = [face_plane(face) for face in faces]
+    table = FaceTable.of([face_rings(face) for face in faces])
+    upright = np.column_stack([np.zeros((len(table), 2)), table.heights[1]])
+    planes, areas = np.where(np.isnan(table.planes), upright, table.planes), table.areas
     face_at = number_cells(faces, planes, dsm)
     slices = ndimage.find_objects(face_at, len(faces))
     answers = []
     for number in wanted:
-        face, plane = faces[number], planes[number]
+        face, plane, area = faces[number], planes[number], float(areas[number])
         cells = face_cells(face, face_at, slices[number], number + 1, dsm)
         answers.append(
-            light_on_face(number + 1, face, plane, cells, face_at, dsm, hours, convergence, rules, best)
+            light_on_face(
+                number + 1,
+                face,
+                plane,
+                area,
+                cells,
+                face_at,
+                dsm,
+                hours,
+                convergence,
+                rules,
+                best,
+            )
         )
     return answers
 
 
-def number_cells(faces: Sequence[Polygon], planes: Sequence[Values], dsm: Raster) -> NDArray[np.int32]:
+def number_cells(faces: Sequence[Polygon], planes: Values, dsm: Raster) -> NDArray[np.int32]:
     """Number (H, W) from 1 of the highest roof face at the middle of each cell, 0 for none."""
     face_at = np.zeros(dsm.shape, np.int32)
     height = np.full(dsm.shape, -np.inf)
@@ -177,6 +183,7 @@ def light_on_face(
     number: int,
     face: Polygon,
     plane: Values,
+    area: float,
     cells: Cells,
     face_at: NDArray[np.int32],
     dsm: Raster,
@@ -212,12 +219,11 @@ def light_on_face(
     good &= shapely.contains_xy(face.buffer(-rules.edge), x, y)
     cell_m2 = np.sqrt(a * a + b * b + 1.0) * dsm.cell**2
     usable = in_large_pieces(good, cells, cell_m2, rules.smallest)
-    outer, *holes = (float(np.linalg.norm(area_vector(ring))) for ring in face_rings(face))
     return FaceLight(
         month=np.asarray(light.mean(axis=0)),
         open_month=light_in_the_open(hours, normal, rules),
         sky=float(seen.mean()),
-        usable_m2=(outer - sum(holes)) * float(usable.mean()),
+        usable_m2=area * float(usable.mean()),
         usable=float(light[usable].sum(axis=1).mean()) if usable.any() else 0.0,
         covered=float(over.mean()),
     )

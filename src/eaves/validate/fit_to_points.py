@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from eaves.geometry.roof_fit import RoofFaces, collect_faces, fit_roof, roof_point_mask
+from eaves.geometry.face_table import FaceTable
+from eaves.geometry.roof_fit import RoofFaces, fit_roof, roof_point_mask
 from eaves.model import BuildingModel, Points
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.checks import check_points, check_type
@@ -101,11 +102,5 @@ def fit_to_points(model: BuildingModel, points: Points, lod: str | None = None) 
 
 
 def roof_faces(model: BuildingModel, lod: str) -> RoofFaces:
-    """The roof faces of a model at a level of detail, all of building 0."""
-    faces = [
-        [solid.vertices[list(ring)] for ring in face.rings]
-        for solid in model.solids.get(lod, ())
-        for face in solid.faces
-        if face.surface == ROOF_SURFACE
-    ]
-    return collect_faces(faces, [0] * len(faces))
+    """The roof faces of a model at a level of detail."""
+    return RoofFaces.of(FaceTable.of_solids(model.solids.get(lod, ()), ROOF_SURFACE))

@@ -9,13 +9,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-from shapely import MultiPolygon, Polygon
+import shapely
 
 from eaves.formats.atomic import atomic
 from eaves.formats.models.meshes import SURFACES
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vectors.geopackage import PIECE_ROWS, Row, append_rows
-from eaves.geometry.rings import area_vector
+from eaves.geometry.face_table import FaceTable
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -98,13 +98,8 @@ def lod_rows(model: BuildingModel, lod: str) -> Iterator[Row]:
     """The rows of one building at one level, in world metres."""
     origin = np.array([*model.footprint.origin, 0.0])
     for surface in SURFACES:
-        polygons, area = [], 0.0
-        for solid in model.solids[lod]:
-            for face in solid.faces:
-                if face.surface == surface:
-                    rings = [solid.vertices[list(ring)] for ring in face.rings]
-                    area += float(np.linalg.norm(sum((area_vector(ring) for ring in rings), np.zeros(3))))
-                    polygons.append(Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]]))
-        if polygons:
-            values = {"id": model.footprint.id, "surface": surface, "area_m2": round(area, 2)}
-            yield Row(MultiPolygon(polygons), values | {"face_count": len(polygons)})
+        faces = FaceTable.of_solids(model.solids[lod], surface)
+        if faces:
+            area = round(float(faces.areas.sum()), 2)
+            values = {"id": model.footprint.id, "surface": surface, "area_m2": area, "face_count": len(faces)}
+            yield Row(shapely.multipolygons(faces.moved(origin).polygons(3)), values)

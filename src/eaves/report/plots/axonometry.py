@@ -14,7 +14,6 @@ from eaves.model import Integers, Mask, Points, Values
 from eaves.raster.grid import cell_centres
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.plots.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
-from eaves.report.surfaces import cut_into_triangles, face_edges
 
 ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"
 FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
@@ -37,7 +36,8 @@ def models_figure(folder: str | Path, size_inches: float) -> Figure:
     view = view_matrix(AZIMUTH_DEG, ELEVATION_DEG)
     corners, colours, points = drawn_scene(contents)
     finest = contents.faces.take(finest_faces(contents.faces))
-    lines = cut_lines(finest.corners[face_edges(finest)[0]])
+    starts = finest.table.corners
+    lines = cut_lines(np.stack([starts, starts[finest.table.following]], axis=1))
     lines = lines[over_terrain(contents, lines)]
     seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
     rim_depth = rims[:, :, 2].mean(axis=1) + IN_FRONT
@@ -88,9 +88,9 @@ def drawn_scene(contents: Contents) -> tuple[Points, Values, Points]:
     """Triangles (T, 3, 3) of terrain and finest models, their shaded colours (T, 3), and the points (N, 3) of
     trees."""
     faces = contents.faces.take(finest_faces(contents.faces))
-    cut, face = cut_into_triangles(faces)
+    corner, face = faces.table.triangles()
     ground = terrain_triangles(contents)
-    parts, whole = cut_triangles(cut)
+    parts, whole = cut_triangles(faces.table.corners[corner])
     seen = over_terrain(contents, parts)
     parts, whole = parts[seen], whole[seen]
     corners = np.concatenate([parts, ground])

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from eaves.model import Points, Values
 from eaves.report.contents import Contents, finest_faces, read_contents
-from eaves.report.surfaces import cut_into_triangles
 
 WIDTH = 1.0
 SURROUNDINGS = 8.0
@@ -112,7 +111,7 @@ def cut_models(
     faces = contents.faces.take(wanted & finest_faces(contents.faces))
     if not faces:
         return np.zeros((0, 2, 2))
-    corners, _ = cut_into_triangles(faces)
+    corners = faces.table.corners[faces.table.triangles()[0]]
     along, aside = place_on_line(corners, centre, direction)
     ends = []
     for one, two in ((0, 1), (1, 2), (2, 0)):

@@ -1,0 +1,254 @@
+"""Planar faces as arrays: their rings, areas, directions, planes, polygons and triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from eaves.geometry.rings import following_places
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.kernels import kernel
+from eaves.model import Integers, Mask, Points, Solid, Values
+
+STEEPEST = 1e-3
+"""Smallest upward share of a face's normal: a steeper face has no height at a place."""
+
+
+@dataclass(frozen=True, eq=False)
+class FaceTable:
+    """F planar faces.
+
+    `corners` (V, 3) are those of all rings, one behind the other, each of `ring_sizes` (R,) corners; a face
+    has `ring_counts` (F,) of them, its outer ring first.
+    """
+
+    corners: Points
+    ring_sizes: Integers
+    ring_counts: Integers
+
+    @classmethod
+    def of(cls, faces: Sequence[Sequence[Points]]) -> FaceTable:
+        """Faces from their rings (M, 3), the outer one first."""
+        counts = [len(face) for face in faces]
+        rings = [ring for face in faces for ring in face]
+        corners = np.concatenate([np.zeros((0, 3)), *rings])
+        return cls(corners, np.array([len(ring) for ring in rings], np.int64), np.array(counts, np.int64))
+
+    @classmethod
+    def of_solids(cls, solids: Iterable[Solid], surface: str | None = None) -> FaceTable:
+        """The faces of solids in their order, all or those of one kind of surface."""
+        corners, sizes, counts = [np.zeros((0, 3))], [], []
+        for solid in solids:
+            faces = [face.rings for face in solid.faces if surface is None or face.surface == surface]
+            corners.append(solid.vertices[[vertex for face in faces for ring in face for vertex in ring]])
+            sizes += [len(ring) for face in faces for ring in face]
+            counts += [len(face) for face in faces]
+        return cls(np.concatenate(corners), np.array(sizes, np.int64), np.array(counts, np.int64))
+
+    @classmethod
+    def join(cls, tables: Sequence[FaceTable]) -> FaceTable:
+        """All the faces of tables, in order."""
+        corners = np.concatenate([np.zeros((0, 3)), *(table.corners for table in tables)])
+        none = np.zeros(0, np.int64)
+        sizes = np.concatenate([none, *(table.ring_sizes for table in tables)])
+        return cls(corners, sizes, np.concatenate([none, *(table.ring_counts for table in tables)]))
+
+    def __len__(self) -> int:
+        return len(self.ring_counts)
+
+    def take(self, which: Mask) -> FaceTable:
+        """The faces where the mask (F,) is true."""
+        ring = np.repeat(which, self.ring_counts)
+        corners = self.corners[np.repeat(ring, self.ring_sizes)]
+        return FaceTable(corners, self.ring_sizes[ring], self.ring_counts[which])
+
+    def moved(self, shift: Values) -> FaceTable:
+        """The faces moved by a vector (3,)."""
+        return replace(self, corners=self.corners + shift)
+
+    def rings_of(self, face: int) -> list[Points]:
+        """The rings (M, 3) of one face, the outer one first."""
+        ring = self.outer[face]
+        sizes = self.ring_sizes[ring : ring + self.ring_counts[face]]
+        first = self.ring_start[ring]
+        return np.split(self.corners[first : first + sizes.sum()], np.cumsum(sizes)[:-1])
+
+    @cached_property
+    def ring_start(self) -> Integers:
+        """The first corner (R,) of each ring."""
+        return np.cumsum(self.ring_sizes) - self.ring_sizes
+
+    @cached_property
+    def outer(self) -> Integers:
+        """The outer ring (F,) of each face."""
+        return np.cumsum(self.ring_counts) - self.ring_counts
+
+    @cached_property
+    def face_of_ring(self) -> Integers:
+        """The face (R,) of each ring."""
+        return np.repeat(np.arange(len(self)), self.ring_counts)
+
+    @cached_property
+    def face_of_corner(self) -> Integers:
+        """The face (V,) of each corner, and of the edge that begins there."""
+        return np.repeat(self.face_of_ring, self.ring_sizes)
+
+    @cached_property
+    def following(self) -> Integers:
+        """The corner (V,) in which the edge that begins at each corner ends."""
+        return following_places(self.ring_sizes)
+
+    @cached_property
+    def ring_figures(self) -> tuple[Points, Points]:
+        """Area (m²) of each ring times its unit normal, (R, 3), and its mean corner (R, 3)."""
+        vectors, middles = ring_figures_kernel(self.corners, self.ring_sizes)
+        return vectors, middles
+
+    @cached_property
+    def vectors(self) -> Points:
+        """Area (m²) of each face times its unit normal, (F, 3), holes taken off."""
+        return np.asarray(np.add.reduceat(self.ring_figures[0], self.outer, axis=0))
+
+    @property
+    def areas(self) -> Values:
+        """Area (m², F) of each face along its slope."""
+        return np.asarray(np.linalg.norm(self.vectors, axis=1))
+
+    @property
+    def normals(self) -> Points:
+        """Unit normal (F, 3) of each outer ring; up for one without area."""
+        outer = self.ring_figures[0][self.outer]
+        size = np.linalg.norm(outer, axis=1)[:, None]
+        return np.where(size > 0.0, outer / np.where(size > 0.0, size, 1.0), [0.0, 0.0, 1.0])
+
+    @cached_property
+    def slopes_deg(self) -> Values:
+        """Degrees (F,) from the horizontal."""
+        x, y, z = self.vectors.T
+        return np.asarray(np.degrees(np.arctan2(np.hypot(x, y), z)))
+
+    @property
+    def azimuths_deg(self) -> Values:
+        """Direction (F,) the slope falls to, degrees clockwise from grid north; NaN under 2° of slope."""
+        x, y, _ = self.vectors.T
+        flat = self.slopes_deg < FLAT_SLOPE_DEG
+        return np.asarray(np.where(flat, np.nan, np.degrees(np.arctan2(x, y)) % 360.0))
+
+    @cached_property
+    def planes(self) -> Values:
+        """Height a·x + b·y + c of each face, (F, 3), by the outer ring's normal and mean corner; NaN for
+        those steeper than `STEEPEST`."""
+        (x, y, z), middle = (figures[self.outer].T for figures in self.ring_figures)
+        z = np.where(np.abs(z) <= STEEPEST * np.sqrt(x * x + y * y + z * z), np.nan, z)
+        planes = np.empty((len(self), 3))
+        planes[:, 0], planes[:, 1] = -x / z, -y / z
+        planes[:, 2] = middle[2] - planes[:, 0] * middle[0] - planes[:, 1] * middle[1]
+        return planes
+
+    @property
+    def heights(self) -> tuple[Values, Values]:
+        """Lowest and highest corner (m), (F,) and (F,), of each outer ring."""
+        z, start = self.corners[:, 2], self.ring_start
+        return np.minimum.reduceat(z, start)[self.outer], np.maximum.reduceat(z, start)[self.outer]
+
+    @property
+    def volume(self) -> float:
+        """Volume (m³) that the faces of closed solids enclose, by the divergence theorem."""
+        if not len(self):
+            return 0.0
+        heads = self.corners[self.ring_start[self.outer]] - self.corners[0]
+        return float((heads * self.vectors).sum() / 3.0)
+
+    def polygons(self, dimensions: int = 2) -> NDArray[np.object_]:
+        """The faces (F,) as polygons, in plan or with their heights."""
+        return self._polygons(self.corners[:, :dimensions])
+
+    def _polygons(self, places: Values) -> NDArray[np.object_]:
+        if not len(self):
+            return np.empty(0, object)
+        ring = np.repeat(np.arange(len(self.ring_sizes)), self.ring_sizes)
+        rings = shapely.linearrings(places, indices=ring)
+        return np.asarray(shapely.polygons(rings, indices=self.face_of_ring), object)
+
+    def triangles(self) -> tuple[Integers, Integers]:
+        """Corners (T, 3) and face (T,) of triangles, counter-clockwise from outside.
+
+        They are constrained Delaunay triangles on each face's own plane. A face that crosses itself is a fan
+        about the first corner of its outer ring, one without area has none.
+        """
+        if not len(self):
+            return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+        frame, owner = self._frames(), self.face_of_corner
+        aside = self.corners - frame[owner, 0]
+        places = np.stack([(aside * frame[owner, axis]).sum(axis=1) for axis in (1, 2)], axis=1) + 0.0
+        shapes = self._polygons(places)
+        valid = shapely.is_valid(shapes)
+        cut = shapely.constrained_delaunay_triangles(shapes[valid])
+        pieces, number = shapely.get_parts(cut, return_index=True)
+        face = np.flatnonzero(valid)[number]
+        uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+        one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+        clockwise = one[:, 0] * two[:, 1] < one[:, 1] * two[:, 0]
+        uv[clockwise] = uv[clockwise][:, ::-1]
+        corner = self._corners_at(places, uv.reshape(-1, 2) + 0.0, np.repeat(face, 3)).reshape(-1, 3)
+        crossing = np.flatnonzero(~valid & (self.areas > 0.0))
+        fans = [self._fan(number) for number in crossing.tolist()]
+        corner = np.concatenate([corner, *fans])
+        face = np.concatenate([face, np.repeat(crossing, [len(fan) for fan in fans])])
+        order = np.argsort(face, kind="stable")
+        return corner[order], face[order]
+
+    def _fan(self, face: int) -> Integers:
+        """The corners (T, 3) of triangles about the first corner of an outer ring."""
+        first = self.ring_start[self.outer[face]]
+        after = np.arange(first + 1, first + self.ring_sizes[self.outer[face]] - 1)
+        return np.column_stack([np.full(len(after), first), after, after + 1])
+
+    def _corners_at(self, places: Values, wanted: Values, face: Integers) -> Integers:
+        """The corners (K,) of faces (K,) at places `wanted` (K, 2) on their planes, where the corners are
+        at `places` (V, 2)."""
+        owner = np.concatenate([self.face_of_corner, face])
+        u, v = np.concatenate([places, wanted]).T
+        order = np.lexsort((v, u, owner))
+        new = np.zeros(len(order), np.int64)
+        for key in (owner[order], u[order], v[order]):
+            new[1:] |= key[1:] != key[:-1]
+        which = np.empty(len(order), np.int64)
+        which[order] = np.cumsum(new)
+        corner = np.empty(int(which.max()) + 1, np.int64)
+        corner[which[: len(places)]] = np.arange(len(places))
+        return np.asarray(corner[which[len(places) :]])
+
+    def _frames(self) -> Values:
+        """First corner of each outer ring and two directions on its plane, (F, 3, 3)."""
+        a, b, c = self.normals.T
+        long = np.hypot(a, b)
+        steep = long > 1e-9
+        d, e = np.where(steep, [-b, a], [[1.0], [0.0]]) / np.where(steep, long, 1.0)
+        first = np.stack([d, e, np.zeros(len(d))], axis=1)
+        second = np.stack([-c * e, c * d, a * e - b * d], axis=1)
+        return np.stack([self.corners[self.ring_start[self.outer]], first, second], axis=1)
+
+
+@kernel
+def ring_figures_kernel(corners: Points, sizes: Integers) -> tuple[Points, Points]:
+    """Area vectors (R, 3; half of Newell's sum of cross products) and mean corners (R, 3) of rings of `sizes`
+    (R,) corners (V, 3) that stand one behind the other."""
+    vectors, middles = np.zeros((len(sizes), 3)), np.zeros((len(sizes), 3))
+    first = 0
+    for number, size in enumerate(sizes):
+        ring = corners[first : first + size]
+        for one in range(size):
+            x, y, z = ring[one] - ring[0]
+            u, v, w = ring[(one + 1) % size] - ring[0]
+            vectors[number, 0] += y * w - z * v
+            vectors[number, 1] += z * u - x * w
+            vectors[number, 2] += x * v - y * u
+            middles[number] += ring[one]
+        first += size
+    return 0.5 * vectors, middles / sizes.reshape(-1, 1)
