@@ -69,7 +69,8 @@ def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) ->
 
 
 def find_large(seen: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
-    """What stands over the terrain in a square, and around it as far as it decides decks."""
+    """Patch of the large objects over the terrain in a square, and around it as far as they matter for bridge
+    decks; empty for none."""
     patch = None if seen.floor is None else parameters.ground.find_wide_objects(seen.floor)
     return () if patch is None else (patch.cropped(seen.square.bounds.buffered(DECK_REACH)),)
 
@@ -90,7 +91,7 @@ def find_square_decks(seen: tuple[Block, tuple[Decks, Mask] | None], parameters:
 
 
 def large_objects(large: Mapping[Block, tuple[Patch, ...]]) -> WideObjects:
-    """What stands over the terrain in some squares."""
+    """The large objects over the terrain in some squares."""
     patches = (patch.cropped(square.bounds) for square in large for patch in large[square])
     return WideObjects(tuple(patches))
 

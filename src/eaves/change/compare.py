@@ -53,7 +53,7 @@ def compare(
     Parameters
     ----------
     old, new : str or Path
-        What `eaves build` wrote for each epoch.
+        Folder of `eaves build` for each epoch.
     work : str, Path or None
         Folder for the points by block, which are removed; None for the system's temporary folder.
     progress : callable
@@ -146,7 +146,7 @@ class Comparer:
         return changes
 
     def is_attached(self, site: Site) -> bool:
-        """Whether a run has another building that touches those of a site."""
+        """True if a run has another building that touches those of a site."""
         return any(
             len(tree.query(one.polygon, "dwithin", PARTY_GAP)) > len(here)
             for tree, here in zip(self.trees, (site.old, site.new), strict=True)

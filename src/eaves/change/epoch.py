@@ -135,7 +135,7 @@ def open_epoch(
     Parameters
     ----------
     folder
-        What `eaves build` wrote.
+        Folder of `eaves build`.
     work
         Folder for the points by block; the caller removes it.
     target

@@ -1,4 +1,4 @@
-"""What a model tells about its building: heights, areas, slopes, volume, fit, roof type."""
+"""Attributes of a building from its model: heights, areas, slopes, volume, fit, roof type."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def describe_roof(
 
 
 def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
-    """What the solids of a model's finest level say by themselves, with a record for each roof face."""
+    """Attributes from the solids of a model's finest level alone, with a record for each roof face."""
     solids = model.solids[model.lod]
     vectors = [face_vectors(solid) for solid in solids]
     roof_faces, wall_area = describe_faces(solids, vectors)
@@ -193,7 +193,7 @@ def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
 
 
 SIZES = ("volume_", "wall_area_", "roof_area_", "roof_projected_", "roof_face")
-"""What the names of attributes begin with that are sizes of the finest level's solids."""
+"""Prefixes of the names of attributes that are sizes of the finest level's solids."""
 
 
 def measure_again(model: BuildingModel) -> BuildingModel:

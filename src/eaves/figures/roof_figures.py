@@ -1,4 +1,5 @@
-"""What the roof faces say of a building: type, eaves, ridge, direction, slope, orientation, storeys."""
+"""Attributes of a building from its roof faces: type, eaves, ridge, direction, slope, orientation,
+storeys."""
 
 from __future__ import annotations
 
@@ -186,7 +187,7 @@ def roof_type(faces: list[Record]) -> str:
 
 
 def fills_rectangle(pitched: list[Record]) -> bool:
-    """Whether pitched faces fill the rectangle around them: two gables that cross have four sides, too."""
+    """True if pitched faces fill the rectangle around them: two gables that cross have four sides, too."""
     plans = [face["shape"].plan.buffer(0.0) for face in pitched if face.get("shape") is not None]
     if not plans:
         return True
@@ -195,7 +196,7 @@ def fills_rectangle(pitched: list[Record]) -> bool:
 
 
 def is_broken(pitched: list[Record]) -> bool:
-    """Whether the sides have several slopes."""
+    """True if the sides have several slopes."""
     slopes = [face["slope_deg"] for face in pitched]
     return bool(max(slopes) - min(slopes) > ONE_SLOPE_DEG)
 

@@ -188,7 +188,7 @@ def _take_own_corners(
 
 
 def face_edges(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Which corners every ring edge goes between, (E, 2), and the number (E,) of its face."""
+    """Corners (E, 2) at the ends of every ring edge, and the number (E,) of its face."""
     size = np.diff(faces.ring_start)
     following = following_places(size).astype(np.int32)
     ring_face = np.repeat(np.arange(len(faces), dtype=np.int32), np.diff(faces.face_start))

@@ -47,7 +47,7 @@ class FileSlice:
     crs: str | None
     count: int
     box: Bounds
-    """Where the header says the points are, world metres."""
+    """Bounding box of the points by the header, world metres."""
     k: int
     n: int
     mark: bytes
@@ -82,13 +82,15 @@ class PartMark:
 
 @dataclass(frozen=True)
 class Window:
-    """Which points a run uses, world metres: those in the bounds and the clip area, where given."""
+    """Selection of the points a run uses, world metres: those in the bounds and the clip area, where
+    given."""
 
     bounds: Bounds | None = None
     clip: BaseGeometry | None = None
 
     def holds(self, xyz: Points) -> NDArray[np.bool_]:
-        """Which points (N, 3) are used; they are known to have coordinates (`iter_chunks`)."""
+        """Mask (N,) of the points (N, 3) that are used; they are known to have coordinates
+        (`iter_chunks`)."""
         usable = np.ones(len(xyz), bool)
         if self.bounds is not None:
             usable &= self.bounds.contains(xyz)

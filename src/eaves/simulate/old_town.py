@@ -48,7 +48,7 @@ class Level:
     """In the plot's own coordinates."""
 
     def contains(self, xyz: NDArray[np.float64]) -> Mask:
-        """Whether each point (N, 2 or 3) lies on it in plan."""
+        """Mask (N,) of the points (N, 2 or 3) that lie on it in plan."""
         return self.bounds.contains(np.stack(own_coordinates(self.plot, xyz), axis=-1))
 
 
@@ -92,7 +92,7 @@ class Ground:
         return Bounds(u - along / 2, v - across / 2, u + along / 2, v + across / 2)
 
     def rises_across(self) -> tuple[bool, float]:
-        """Whether the plot rises more across than along, and to which side."""
+        """True if the plot rises more across than along, and the side to which it rises."""
         inside = self.within(self.rectangle(self.plot.length, self.plot.depth))
         if not inside.any():
             return True, 1.0

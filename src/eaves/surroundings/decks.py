@@ -147,8 +147,8 @@ def wet_or_bridged(cloud: PointCloud, decks: Sequence[Decks], rules: DeckRules =
 
 
 def water_heights(heights: Grid, count: Grid, cell: float, rules: DeckRules) -> Grid:
-    """How high (H, W) a point of water may lie, NaN where there is none: in cells of a wide hole and the few
-    cells in it that something returned from, low, flat and gapped."""
+    """Greatest height (H, W) of a point of water, NaN where there is none: in cells of a wide hole and the
+    few cells in it that something returned from, low, flat and gapped."""
     hole, lowest = water_of(heights, cell, rules)
     known = np.isfinite(heights)
     side = max(2, round(rules.water_width / cell))
@@ -263,7 +263,7 @@ def extended_deck(z: Grid, land: Mask, rules: DeckRules) -> Mask:
 
 
 def deck_ends(strip: Mask, joined: Mask, line: NDArray[np.uint8]) -> tuple[int, float, Values]:
-    """How many ends of a strip of cells (H, W) land carries on, of those it does (`joined`); its length
+    """Number of ends of a strip of cells (H, W) that meet land, by the cells that do (`joined`); its length
     (cells), its middle (2,).
 
     It runs at right angles to the mean of the lines that are the shortest across its cells.
@@ -331,7 +331,7 @@ def between_kernel(
 def falls_off(
     z: Grid, water: Mask, row: int, column: int, down: int, right: int, step: float, fall: float, wet: float
 ) -> bool:
-    """Whether known ground well below lies beside a cell in a direction, within two cells, or water."""
+    """True if known ground well below, or water, lies beside a cell in a direction, within two cells."""
     rows, columns = z.shape
     for k in range(1, 3):
         y, x = row + k * down, column + k * right

@@ -1,4 +1,4 @@
-"""Which points are wires and the towers that carry them, by ASPRS classes 14 and 15."""
+"""Wires and the towers that carry them, by ASPRS classes 14 and 15."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def find_towers(
 
 
 def top_in_air(cell: Integers, z: Values, air: float) -> Mask:
-    """Which of some high points (K,) are the topmost of their cell, within `air` (m), with as much beneath
+    """Mask (K,) of the high points that are the topmost of their cell, within `air` (m), with as much beneath
     them empty or in the cell nothing else: crowns reach down."""
     # highest first in each cell, by one key: to sort by two takes five times as long
     depth = np.rint((z.max(initial=0.0) - z) / GRID_STEP).astype(np.int64)
@@ -158,7 +158,7 @@ def one_each(xyz: Points, side: float) -> NDArray[np.int64]:
 
 
 def few_around(cell: Integers, layer: Integers, shape: tuple[int, int], few: int) -> Mask:
-    """Which points (K,), by cell and layer, have so few about them that they may be of wires."""
+    """Mask (K,) of the points that, by cell and layer, have so few about them that they may be of wires."""
     layers = int(layer.max(initial=0)) + 1
     place = cell * layers + layer
     count = np.bincount(place, minlength=shape[0] * shape[1] * layers).reshape(*shape, layers)
@@ -168,7 +168,7 @@ def few_around(cell: Integers, layer: Integers, shape: tuple[int, int], few: int
 
 
 def wire_rows(xyz: Points, rules: WireRules) -> Mask:
-    """Which points (K, 3) lie in a row with their neighbours, more level than upright."""
+    """Mask (K,) of the points (K, 3) that lie in a row with their neighbours, more level than upright."""
     reach = rules.neighbours * rules.cell
     tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)
     away, near = tree.query(xyz, rules.neighbours + 1, distance_upper_bound=reach)

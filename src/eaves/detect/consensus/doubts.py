@@ -1,4 +1,4 @@
-"""Where the evidence contradicts itself or is missing: places for a person to look at."""
+"""Doubts: places for manual review, where the evidence contradicts itself or is missing."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ def region_doubts(
 
 
 def unevenness_of(evidence: Evidence, roofs: Mask) -> Values:
-    """How many times as uneven as the middle one of `roofs` (H, W) each cell is (H, W), NaN where no plane
-    fits: where echoes tell nothing, an even crown passes for a roof."""
+    """Unevenness (H, W) of each cell as a multiple of the median of `roofs` (H, W), NaN where no plane fits:
+    where echoes tell nothing, an even crown passes for a roof."""
     residual = np.where(np.isfinite(evidence.residual), evidence.residual, np.nan)
     some = residual[roofs & np.isfinite(residual)]
     return residual / max(float(np.median(some)), 1e-4) if len(some) else np.full(roofs.shape, np.nan)

@@ -213,7 +213,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         step: tuple[int, int],
         known: tuple[Separation, ...] = (),
     ) -> Placement:
-        """What the cells in the placement of that step measure; what echoes tell in the scan may be known."""
+        """Measurements of the cells in the placement of that step; what echoes tell in the scan may be
+        given."""
         weights = self.judged_by
         evidence, segments = self.find_surfaces(scene, halves, step)
         terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), weights, self, known)
@@ -226,7 +227,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         return Placement(evidence, segments, odds, of_surface, void, rims, terms.measures)
 
     def half_cells(self, scene: Scene, candidate: Mask) -> HalfCells:
-        """What the points add up to in half cells; `candidate` (N,) marks those that could be roofs."""
+        """Statistics of the points in half cells; `candidate` (N,) marks those that could be roofs."""
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
         return HalfCells.of(scene, candidate, side)

@@ -1,4 +1,4 @@
-"""What the points of buildings are: roof, wall, or a road vehicle: narrow, long, low, and level on top."""
+"""Parts of buildings: points of roof, wall, or a road vehicle: narrow, long, low, and level on top."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ class VehicleRules(Method):
 
 
 def find_vehicles(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleRules) -> Mask:
-    """Which of the regions 0…`count` - 1 of points (N, 3), of which `number` (N,) tells the region, are as
-    long, narrow, low and level as a van or a lorry.
+    """Mask of the regions 0…`count` - 1 of points (N, 3), of which `number` (N,) tells the region, that are
+    as long, narrow, low and level as a van or a lorry.
 
     Length and width are those of the rectangle with the same second moments as the points at the level of the
     region's middle height: what hangs over it, or stands beside it, does not count.

@@ -15,7 +15,7 @@ from eaves.raster.squares import grown_by_square
 
 
 class VoidRules(Method):
-    """Which holes in the data are roofs."""
+    """Rules for the holes in the data that are roofs."""
 
     void_rim_share: float = parameter(
         MOST, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0

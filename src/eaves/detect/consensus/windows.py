@@ -19,7 +19,7 @@ WINDOW = 3
 
 
 class WindowRules(Method):
-    """Which windows have a plane, and how those of two sizes compare."""
+    """Rules for windows that have a plane, and for comparing those of two sizes."""
 
     window_points: int = parameter(
         6,

@@ -165,7 +165,7 @@ def share_around(mask: Mask, among: Mask, width: int) -> Values:
 
 
 def height_error(grid: SurfaceGrid, spacing: float) -> float:
-    """How well (m) the height of a cell is known on a roof of 45°.
+    """Error (m) of the height of a cell on a roof of 45°.
 
     The highest of n points of a cell lies 1/(n + 1) of its side from the upper rim, give or take as much.
     """

@@ -153,7 +153,7 @@ def plane_axes(normal: Points) -> Points:
 
 
 def is_convex(ring: Values) -> bool:
-    """Whether a counter-clockwise ring (M, 2) turns left, clearly, at every corner."""
+    """True if a counter-clockwise ring (M, 2) turns left, clearly, at every corner."""
     steps = np.roll(ring, -1, axis=0) - ring
     following = np.roll(steps, -1, axis=0)
     turn = steps[:, 0] * following[:, 1] - steps[:, 1] * following[:, 0]

@@ -1,4 +1,5 @@
-"""Whether coordinates without a system can be metres: how fast the aircraft flew, how near returns follow."""
+"""Plausibility of coordinates without a system as metres: how fast the aircraft flew, how near returns
+follow."""
 
 from __future__ import annotations
 

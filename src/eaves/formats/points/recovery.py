@@ -37,7 +37,7 @@ def corrected(header: LasHeader, file: BinaryIO) -> LasHeader:
 
 
 def are_points(header: LasHeader, file: BinaryIO, held: int) -> bool:
-    """Whether what follows the last point that the header counts are points, too."""
+    """True if the records after the last point that the header counts are points, too."""
     numbers = np.unique(np.linspace(header.count, held - 1, LOOKED_AT).astype(np.int64))
     records = np.empty((len(numbers), header.record_length), np.uint8)
     for number, record in zip(numbers.tolist(), records, strict=True):

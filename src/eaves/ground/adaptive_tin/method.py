@@ -64,13 +64,13 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     the plainest reading of them, and is measured in benchmarks/results as "plain". The
     lowest point of a wide cell misses every hilltop and terrace, so by default we leave it in this:
 
-    - What is wide is found first, whatever its width, in the lowest heights of cells of 1.5 m (3 or 6 m in
-      thinner data) that are fixed to the world. Squares of two by two cells without a step join to surfaces,
-      so that what joins two of them is a way at least two cells wide. The widest surface is terrain. Others
-      are groups of those that touch, and stand on it when walls of at least `wall` go down to terrain on
-      `wall_share` of the group's rim, where that is known; a surface that a ramp or a slope joins is part of
-      what it leads to. Where less than `rim_known` of the rim faces terrain, or half of it nothing, as at
-      the rim of the data, the surface stays. Points over the terrain beneath a raised
+    - Large raised surfaces (halls, bridges) are removed first. They are found in the lowest heights of cells
+      of 1.5 m (3 or 6 m in thinner data) that are fixed to the world. Squares of two by two cells without a
+      step join to surfaces, so that what joins two of them is a way at least two cells wide. The widest
+      surface is terrain. Others are groups of those that touch, and stand on it when walls of at least `wall`
+      go down to terrain on `wall_share` of the group's rim, where that is known; a surface that a ramp or a
+      slope joins is part of what it leads to. Where less than `rim_known` of the rim faces terrain, or half
+      of it nothing, as at the rim of the data, the surface stays. Points over the terrain beneath a raised
       surface, drawn from around it, are never ground; the steps below see them as objects. Not with
       `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,

@@ -1,4 +1,5 @@
-"""How the terrain goes on beyond the data: a TIN that ends in walls and crowns climbs them."""
+"""Extrapolation of the terrain beyond the edge of the data: a TIN that ends in walls and crowns climbs
+them."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from eaves.model.cloud import GRID_STEP
 
 
 class Rim(Method):
-    """How the terrain is foretold beyond the data."""
+    """Extrapolation of the terrain beyond the edge of the data."""
 
     rim_apart: float = parameter(
         10.0,

@@ -119,7 +119,7 @@ class ContourGround(GroundMethod):
         return trace_contours(surface, np.arange(first, last + 1) * self.interval)
 
     def on_terrain(self, contour: Contour) -> bool:
-        """Whether a contour lies on terrain: by closedness, distance of its ends, and length."""
+        """True if a contour lies on terrain: by closedness, distance of its ends, and length."""
         if contour.closed:
             return contour.length > self.longest_outline
         return contour.end_distance > self.end_distance
@@ -137,7 +137,7 @@ class ContourGround(GroundMethod):
         return fill_between(surface.with_(values=values.astype(np.float32)))
 
     def allowed(self, terrain: Raster) -> Grid:
-        """How far from the terrain (H, W) what belongs to it may lie, m."""
+        """Largest distance (H, W), m, from the terrain of what belongs to it."""
         if min(terrain.shape) < 2:
             return np.full(terrain.shape, self.tolerance, np.float32)
         south, east = np.gradient(terrain.values)

@@ -247,8 +247,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
         return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
 
     def hidden_points(self, ring: NDArray[np.float64], boundary: Boundary) -> Mask:
-        """Which points (M,) of a ring (M, 2) may be hidden: those with something that stands over the roof,
-        and no ground, beside them.
+        """Mask (M,) of the points of a ring (M, 2) that may be hidden: those with something that stands over
+        the roof, and no ground, beside them.
         """
         if boundary.others is None or not len(boundary.others):
             return np.zeros(len(ring), np.bool_)
@@ -361,7 +361,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         divided: NDArray[np.float64],
         density: float,
     ) -> float:
-        """How far (m) points lie beyond their edge, when the edges stand before the outermost points.
+        """Distance (m) of points beyond their edge, when the edges stand before the outermost points.
 
         `divided` (K, 2) are the points of the pulses that came back once more from below. The ones an edge
         divided lie up to half the beam's width on both sides of it, so at half the beam behind the outermost
@@ -385,8 +385,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
 
 @kernel
 def overtopped_kernel(ring: NDArray[np.float64], height: Values, high: Points, reach: float) -> Mask:
-    """Which places (M,) of a ring (M, 2) have one of the points (N, 3), which ascend by x, over their
-    `height` (M,; m) and within the `reach` (m) of them in plan."""
+    """Mask (M,) of the places of a ring (M, 2) that have one of the points (N, 3), which ascend by x, over
+    their `height` (M,; m) and within the `reach` (m) of them in plan."""
     found = np.zeros(len(ring), np.bool_)
     for place in range(len(ring)):
         x, y = ring[place, 0], ring[place, 1]

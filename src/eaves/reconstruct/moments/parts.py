@@ -33,7 +33,7 @@ from eaves.reconstruct.moments.parametric_roof import (
 
 
 class PartLimits(BaseModel):
-    """What makes a dormer or a terrace: parameters of a method that looks for them."""
+    """Rules for dormers and terraces: parameters of a method that looks for them."""
 
     tolerance: float = parameter(
         NEAR_M,

@@ -1,4 +1,4 @@
-"""Where the walls of one row are: all divisions of a chain of steps, and the share of them with each wall."""
+"""Walls of one row: all divisions of a chain of steps, and the share of them with each wall."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ were learned on, by `python -m benchmarks.accuracy.unit_weights`.
 
 
 class MergeRules(Method):
-    """Which units are too small, and which walls too short."""
+    """Rules for units that are too small, and walls that are too short."""
 
     smallest_unit: float = parameter(
         25.0,

@@ -148,7 +148,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         ]
 
     def regular_width(self, width: Values, usual: float, broad: Values) -> Values:
-        """How much more often a unit has a `width` (K,; m) in a row whose houses have a usual width than in
+        """Likelihood ratio of a unit's `width` (K,; m) in a row whose houses have a usual width to that in
         others.
         """
         peak = (

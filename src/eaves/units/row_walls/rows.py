@@ -28,8 +28,8 @@ CLEAR = 1.6
 """Walls lean where that makes heights change so many times as much alike: points moved by a part of a cell
 change the coherence of a row by less."""
 JOG_M, HOUSE_M = 1.5, 15.0
-"""How far a front steps back and forth and is one, and how deep a house in a row is at most (m); a row of two
-is twice as deep."""
+"""Distance (m) by which a front may step back and forth and still be one, and largest depth (m) of a house in
+a row; a row of two is twice as deep."""
 
 
 class RowRules(Method):
@@ -280,8 +280,8 @@ def leaning(
 
 
 def coherence(plan: Plan, row: HouseRow) -> float:
-    """How much heights change along the row in the same way at all depths (m²): walls that run along
-    `row.across` make it large.
+    """Coherence (m²) of the change of heights along the row at all depths: walls that run along `row.across`
+    make it large.
     """
     s, t = row.grid()
     height = plan.height[plan.cells(*row.place(s, t))]
@@ -333,8 +333,8 @@ def ground_behind(
 
 
 class Chords(NamedTuple):
-    """Where lines across a row, one in the middle of each step, lie in a shape: the step and the first and
-    last t (m) of each piece (M,), step by step from the front."""
+    """Pieces of lines across a row, one in the middle of each step, that lie in a shape: the step and the
+    first and last t (m) of each piece (M,), step by step from the front."""
 
     step: NDArray[np.int64]
     first: NDArray[np.float64]
