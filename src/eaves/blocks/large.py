@@ -69,8 +69,8 @@ def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) ->
 
 
 def find_large(seen: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
-    """Patch of the large objects over the terrain in a square, and around it as far as they matter for bridge
-    decks; empty for none."""
+    """Patch of the large objects over the terrain in a square and around it, as far as decks need; empty for
+    none."""
     patch = None if seen.floor is None else parameters.ground.find_wide_objects(seen.floor)
     return () if patch is None else (patch.cropped(seen.square.bounds.buffered(DECK_REACH)),)
 

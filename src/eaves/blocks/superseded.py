@@ -89,8 +89,7 @@ def covers_place(
 
 
 def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:
-    """Masks of the old points (N,) and of the new ones (M,) that agree in all of `SAME`, paired one to
-    one."""
+    """Masks of the old (N,) and of the new points (M,) that agree in all of `SAME`, paired one to one."""
     both = np.concatenate([old, new])
     is_new = np.arange(len(both)) >= len(old)
     x, y, z = both["xyz"].T

@@ -85,8 +85,8 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
 
 
 def ground_differences(old: PointCloud, new: PointCloud) -> NDArray[np.float64]:
-    """Rise (K,) of the ground from the old to the new epoch in the cells that both show: differences of their
-    medians."""
+    """Rise (K,) of the median heights of ground from the old to the new epoch, in the cells that both
+    show."""
     keys, heights = [], []
     for cloud in (old, new):
         ground = cloud.xyz[classes_of(cloud) == GROUND]

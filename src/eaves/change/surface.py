@@ -82,8 +82,8 @@ class Pairs:
         return np.bincount(self.point[mask], minlength=self.count)
 
     def highest(self, mask: Mask, sign: float = 1.0) -> Values:
-        """Height (N,) of the highest of some points over each roof point (by sign −1, depth of the lowest
-        below it); none: −inf."""
+        """Height (N,) of the highest of some over each roof point (sign −1: depth of the lowest); none:
+        −inf."""
         found = np.full(self.count, -np.inf)
         np.maximum.at(found, self.point[mask], sign * self.over[mask])
         return found

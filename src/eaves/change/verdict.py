@@ -151,12 +151,12 @@ def judge_building(
     rules
         From what size on a difference is a change.
     covered
-        True if the old and the new epoch have points at its place.
+        True for the old and for the new epoch if it has points at its place.
     link
         Points of a patch lie at most so far apart (m).
     outlined
-        True if the old and the new run have a building at its place; points of a run that has none are its
-        neighbours'.
+        True for the old and for the new run if it has a building at its place; points of a run that has none
+        are its neighbours'.
     attached
         True if it touches another building: no vehicle does.
     score
@@ -259,8 +259,7 @@ def kind_of_move(rise: Values) -> str:
 
 
 def moved(side: Side, way: float) -> Values:
-    """Rise (m) of the roof at each point from the old to the new one; NaN where it is the same, or no
-    roof."""
+    """Rise (m) of the roof at each point, old to new; NaN where it is the same, or no roof."""
     return np.where(np.isin(side.state, (ROOF_ABOVE, ROOF_BELOW)), way * side.distance, np.nan)
 
 

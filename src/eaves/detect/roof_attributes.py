@@ -194,8 +194,7 @@ def roughness(surface: Values) -> Values:
 
 
 def count_like(normal: Values, mask: Mask, angle_deg: float) -> Values:
-    """Number (H, W) of the eight neighbours in `mask` (H, W) that have a normal within the angle
-    (degrees)."""
+    """Number (H, W) of the eight neighbours in `mask` (H, W) with a normal within the angle (degrees)."""
     rows, columns = mask.shape
     padded = np.pad(normal, ((1, 1), (1, 1), (0, 0)))
     there = np.pad(mask, 1)

@@ -1,5 +1,4 @@
-"""Attributes of a building from its roof faces: type, eaves, ridge, direction, slope, orientation,
-storeys."""
+"""Attributes from the roof faces: type, eaves, ridge, direction, slope, orientation, storeys."""
 
 from __future__ import annotations
 

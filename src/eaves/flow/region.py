@@ -383,8 +383,8 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
 
 
 def size_of(plan: OwnedBuildings, store: Store) -> float:
-    """Number of points of the buildings of an owner block, or the area (m²) of given ones: a hall may take
-    longer than a street."""
+    """Number of points of an owner block's buildings, or the area (m²) of given ones: a hall may take longer
+    than a street."""
     given = [building.given for building in plan.buildings if building.given is not None]
     if given:
         return float(sum(footprint.polygon.area for footprint in given))

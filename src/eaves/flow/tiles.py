@@ -182,8 +182,7 @@ def known_tile(task: TileTask) -> TileDone | None:
 
 
 def is_whole(place: Path) -> bool:
-    """True if an earlier run wrote a tile and every file is unchanged; a changed one is named in a
-    warning."""
+    """True if an earlier run wrote a tile and every file is unchanged; warns of one that is not."""
     if not (place / MANIFEST).exists():
         return False
     try:

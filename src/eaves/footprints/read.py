@@ -208,7 +208,7 @@ ADDRESSES_SHOWN = 3
 
 
 def address_columns(columns: Sequence[str]) -> list[str | None]:
-    """Columns of a layer that are those of `ADDRESS_COLUMNS`; none where there is no building's id, street or
+    """Columns of a layer that are those of `ADDRESS_COLUMNS`; none without a building's id, street or
     number."""
     there = {column.lower(): column for column in columns}
     found = [next((there[name] for name in names if name in there), None) for names in ADDRESS_COLUMNS]

@@ -57,8 +57,8 @@ class RoofFit:
 
 
 def roof_point_mask(xyz: Points) -> Mask:
-    """Mask (N,) of the building points (N, 3) that are roof points: no other lies more than `DROP` above them
-    within `NEAR`.
+    """Mask (N,) of the building points (N, 3) that are roof points: none lies over `DROP` above within
+    `NEAR`.
 
     The mask depends on the cloud alone, so it is the same for every model compared.
     """

@@ -84,8 +84,7 @@ class BuildingPoints:
 
     @property
     def roof_not_last(self) -> NDArray[np.bool_] | None:
-        """Mask (M,) of the `roof_points` that are not the last return of their pulse; None where it is not
-        known."""
+        """Mask (M,) of the `roof_points` that are not the last return of a pulse; None where not known."""
         return None if self.not_last is None else np.asarray(self.not_last[self.part != WALL])
 
     @property

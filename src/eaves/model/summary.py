@@ -155,8 +155,7 @@ class Summary:
         return "\n".join([*self._doubts(), *([units] if units else []), self._last_line()])
 
     def _doubts(self) -> list[str]:
-        """Number of places the scan left undecided, and the file that lists them; empty where there are
-        none."""
+        """Number of places the scan left undecided, and the file that lists them; empty for none."""
         doubts = self.run.get("doubts") or {}
         if not doubts.get("count"):
             return []

@@ -112,8 +112,7 @@ class Recipe:
 
     @property
     def marks_vegetation(self) -> bool:
-        """True if vegetation is distinguished from the rest: where buildings are looked for, and classes not
-        given."""
+        """True if vegetation is distinguished from the rest: buildings are looked for, classes not given."""
         return self.vegetation is not None and self.detect is not None and not self.use_classes
 
     @property

@@ -230,7 +230,7 @@ def depth_below(
     solids: tuple[Solid, ...], outline: Polygon, points: Points, rules: OverhangRules
 ) -> tuple[Values, Mask]:
     """Depth (N,; m) of points (N, 3) below the roof over or beside them, and mask (N,) of those clearly below
-    its underside.
+    the underside of the roof.
     """
     if len(points) == 0:
         return np.zeros(0), np.zeros(0, bool)

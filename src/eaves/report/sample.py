@@ -80,8 +80,7 @@ class Thinning:
         return cls(every, share, max(0.0, limit - share * on_roofs) / max(candidates - on_roofs, 1))
 
     def keeps(self, position: Integers, building: NDArray[np.int32]) -> Mask:
-        """Mask (N,) of the points to take, by their places in their file and the numbers of their
-        buildings."""
+        """Mask (N,) of the points to take, by their places in their file and their buildings' numbers."""
         share = np.where(building > 0, self.on_roofs, self.others)
         return np.asarray(scattered(position) < self.every * share)
 

@@ -1,5 +1,4 @@
-"""Manifest of the files a run wrote: by it a rerun removes its own old files only, and anyone can check
-them."""
+"""Manifest of the files of a run: by it a rerun removes its own old files only, and anyone can check them."""
 
 from __future__ import annotations
 

@@ -82,15 +82,13 @@ class PartMark:
 
 @dataclass(frozen=True)
 class Window:
-    """Selection of the points a run uses, world metres: those in the bounds and the clip area, where
-    given."""
+    """Selection of the points a run uses, world metres: in the bounds and the clip area, where given."""
 
     bounds: Bounds | None = None
     clip: BaseGeometry | None = None
 
     def holds(self, xyz: Points) -> NDArray[np.bool_]:
-        """Mask (N,) of the points (N, 3) that are used; they are known to have coordinates
-        (`iter_chunks`)."""
+        """Mask (N,) of the points (N, 3) that are used; they have coordinates (`iter_chunks`)."""
         usable = np.ones(len(xyz), bool)
         if self.bounds is not None:
             usable &= self.bounds.contains(xyz)

@@ -80,7 +80,7 @@ def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
 
 
 def is_interrupt(error: BaseException | None) -> bool:
-    """True if Ctrl-C is what caused an error: a compiled kernel returns it as one of its own."""
+    """True if an error was caused by Ctrl-C: a compiled kernel returns it as one of its own."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None

@@ -57,8 +57,8 @@ def crossings_kernel(
     tops: NDArray[np.float64],
     floors: NDArray[np.float64],
 ) -> tuple[Integers, NDArray[np.float64]]:
-    """First crossings of a top or floor of one cell with one of the other along their edge: its half (K,) and
-    the place (K, 2)."""
+    """First crossings of a top or floor of one cell with one of the other along their edge: half (K,), place
+    (K, 2)."""
     halves, places, count = np.empty(len(start), np.int64), np.empty((len(start), 2)), 0
     for half in range(len(start)):
         own, beyond, share = cell[half], cell[twin[half]], np.inf

@@ -1,5 +1,4 @@
-"""Check that a solid is closed, oriented and planar: the last look before a solid leaves the
-reconstructor."""
+"""Check that a solid is closed, oriented and planar: the last before a solid leaves the reconstructor."""
 
 from __future__ import annotations
 
@@ -204,8 +203,7 @@ def plan_polygons(solid: Solid) -> NDArray[np.object_]:
 
 
 def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
-    """Defect where a triangle of a face leans away from the others, as thin ones do once heights are rounded;
-    empty for none.
+    """Defect where a triangle of a face leans away from the others, as thin ones do once heights are rounded.
 
     `flat` are the vertices (V, 3) of sloped faces of more than three, by number, on their own planes: there
     are the triangles of Delaunay by which validators define folds.

@@ -192,8 +192,8 @@ def wall_segments(walls: BaseGeometry, borders: NDArray[np.object_]) -> NDArray[
 def give_to_other_side(
     plan: Coverage, face: Integers, stands: NDArray[np.bool_], small: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Mask (C,) of the cells that stand on the ground when small ones do as their larger neighbours of one
-    face do."""
+    """Mask (C,) of the cells that stand on the ground if small ones do as their larger neighbours of a
+    face."""
     stands = stands.copy()
     inner = (plan.cell != OUTSIDE) & (plan.cell[plan.twin] != OUTSIDE)
     one, other = plan.cell[inner], plan.cell[plan.twin][inner]

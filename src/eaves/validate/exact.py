@@ -232,8 +232,7 @@ def share_area_kernel(  # type: ignore[no-untyped-def]
 def crossings_kernel(  # type: ignore[no-untyped-def]
     first, second
 ):
-    """Codes of how two sets of triangles (N, 3, 3) and (M, 3, 3) meet: the sum of the codes above that
-    occur."""
+    """Sum of the codes above that occur where two sets of triangles (N, 3, 3) and (M, 3, 3) meet."""
     result = 0
     for n in range(len(first)):
         t = first[n]

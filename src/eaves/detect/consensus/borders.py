@@ -78,7 +78,7 @@ def source_side(
 
 
 def continuity(evidence: Relief, one: NDArray[np.int64], two: NDArray[np.int64]) -> Values:
-    """Distance (m) by which the highest points of neighbouring cells (K,) miss each other's surface: the
+    """Distance (m) by which the highest points of neighbouring cells (K,) miss each other's surface, the
     least of both ways."""
     top = evidence.top.ravel()
     return np.minimum(missed_by(evidence, one, two, top[two]), missed_by(evidence, two, one, top[one]))

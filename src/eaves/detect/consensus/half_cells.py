@@ -72,8 +72,8 @@ class CellsOfFour(SquareCells):
 
     @property
     def off_middle(self) -> tuple[Values, Values]:
-        """Offset (m) of half cells from their cell's middle, of a column (w,) to the east, of a row (h,) to
-        the north."""
+        """Offset (m) of half cells from their cell's middle: columns (w,) to the east, rows (h,) to the
+        north."""
         south, east = (
             (np.arange(half) - begin) % HALVES - 0.5
             for half, begin in zip(self.half.shape, self.step, strict=True)

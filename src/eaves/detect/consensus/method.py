@@ -213,8 +213,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         step: tuple[int, int],
         known: tuple[Separation, ...] = (),
     ) -> Placement:
-        """Measurements of the cells in the placement of that step; what echoes tell in the scan may be
-        given."""
+        """Measurements of the cells in the placement of that step; what echoes tell may be known."""
         weights = self.judged_by
         evidence, segments = self.find_surfaces(scene, halves, step)
         terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), weights, self, known)

@@ -145,8 +145,7 @@ def write_classified(
 
 
 def is_classified(name: str) -> bool:
-    """True if a file of a run holds its classified points; their copies as COPC, derived from them, do not
-    count."""
+    """True if a file of a run holds its classified points; copies as COPC are derived from it."""
     return name.startswith("classified") and name.endswith((".laz", ".las")) and ".copc." not in name
 
 

@@ -1,5 +1,4 @@
-"""Plausibility of coordinates without a system as metres: how fast the aircraft flew, how near returns
-follow."""
+"""Plausibility of coordinates without a system as metres: speed of the aircraft, distance of returns."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Extrapolation of the terrain beyond the edge of the data: a TIN that ends in walls and crowns climbs
-them."""
+"""Extrapolation of the terrain beyond the edge of the data: a TIN that ends in walls climbs them."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
 
 
 def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
-    """Height of each wanted surface (K + 1,) over the surface `base` where it is nearest to it; 0 for the
+    """Height (K + 1,) of each wanted surface over the surface `base` where they are nearest; 0 for the
     others.
     """
     over = np.zeros(len(surfaces.area))
@@ -175,8 +175,7 @@ def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
 
 @kernel
 def squares_kernel(z: Grid, step: float) -> Mask:
-    """Mask (H - 1, W - 1) of the squares of two by two cells (H, W) without a rise over `step` between
-    neighbours."""
+    """Mask (H - 1, W - 1) of the squares of two by two cells (H, W) with no rise over `step` between them."""
     rows, columns = z.shape
     even = np.zeros((max(0, rows - 1), max(0, columns - 1)), np.bool_)
     for row in range(rows - 1):

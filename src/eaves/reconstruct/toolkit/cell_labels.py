@@ -283,8 +283,8 @@ def plane_reach(
     ground: float,
     farthest: float,
 ) -> PlaneReach:
-    """Reach of planes (P, 3): nearer than `farthest` (m) to the rectangles around their own points, and over
-    the base.
+    """Reach of planes (P, 3): up to `farthest` (m) from the rectangles around their points, and over the
+    base.
 
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """

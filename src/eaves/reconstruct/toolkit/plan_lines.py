@@ -197,8 +197,7 @@ def distinct_lines(lines: list[Line], reach: float) -> list[Line]:
 
 @kernel
 def distinct_kernel(rows: NDArray[np.float64], reach: float) -> Mask:
-    """Mask (L,) of the lines, best first, each a row of the numbers of `Line`, that `distinct_lines`
-    keeps."""
+    """Mask (L,) of the lines, best first, rows of the numbers of `Line`, that `distinct_lines` keeps."""
     kept = np.ones(len(rows), np.bool_)
     for one in range(len(rows)):
         x, y, offset = rows[one, 0], rows[one, 1], rows[one, 2]
@@ -346,8 +345,8 @@ def free_ways_kernel(
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> tuple[Values, Values]:
-    """Distance (L,; m) by which lines run on beyond `high` and before `low` to the next segment; infinite
-    without one.
+    """Distance (L,; m) from `high` onwards and from `low` backwards to the next segment; infinite without
+    one.
 
     The lines have a `normal` (L, 2) and an `offset` (L,), the segments go from `starts` to `ends` (S, 2).
     """

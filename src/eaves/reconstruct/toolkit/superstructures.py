@@ -328,7 +328,7 @@ def describe_object(
 
 
 def explained_beside(solids: tuple[Solid, ...], points: Points, beside: float, level: float) -> bool:
-    """True if the roof `beside` (m) explains most of the points (N, 3) to `level` (m): its border is a little
+    """True if the roof `beside` (m) explains most of the points (N, 3) to `level` (m): a border is a little
     off.
     """
     ways = beside * np.array(

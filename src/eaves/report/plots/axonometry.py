@@ -111,8 +111,8 @@ def drawn_scene(contents: Contents) -> tuple[Points, Values, Points]:
 
 
 def over_terrain(contents: Contents, pieces: Points) -> Mask:
-    """Mask (K,) of the pieces (K, corners, 3) that do not lie under the terrain, where sorting by depth could
-    show them."""
+    """Mask (K,) of the pieces (K, corners, 3) not under the terrain, where sorting by depth could show
+    them."""
     middle = pieces.mean(axis=1)
     if not contents.terrain.values.size or not len(pieces):
         return np.ones(len(pieces), bool)

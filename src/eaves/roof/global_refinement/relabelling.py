@@ -124,7 +124,7 @@ def worth_kernel(
 
 
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:
-    """Mask (K, K) of the pairs of K regions that come about as near as `gap` (m) in plan: cells that wide
+    """Mask (K, K) of the pairs of regions that come about as near as `gap` (m) in plan: cells that wide
     touch."""
     known = labels > 0
     place = np.floor(xyz[known, :2] / gap).astype(np.int64)

@@ -148,7 +148,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         ]
 
     def regular_width(self, width: Values, usual: float, broad: Values) -> Values:
-        """Likelihood ratio of a unit's `width` (K,; m) in a row whose houses have a usual width to that in
+        """Likelihood ratio of a unit's `width` (K,; m) in a row of houses with a usual width to that in
         others.
         """
         peak = (
