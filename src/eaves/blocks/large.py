@@ -22,10 +22,10 @@ from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt, Decks)}
 """The classes of the results."""
 EMPTY_RIM = 24 * COARSEST_M
-"""So much (m) is looked at around the data, as far as decks are followed: more, being empty, changes
+"""Margin (m) around the data that is looked at, as far as decks are followed: more, being empty, changes
 nothing."""
 DECK_REACH = 4.0 * RULES.widest + COARSEST_M
-"""Large objects so far (m) from a square decide its decks."""
+"""Distance (m) from a square within which large objects decide its decks."""
 
 Records = NDArray[Any]
 

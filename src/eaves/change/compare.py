@@ -38,7 +38,7 @@ from eaves.model.block import BLOCK_SIDE
 from eaves.model.cloud import NOISE_CLASSES
 
 BESIDE_M = 1.5
-"""A part that no run found is at most so far (m) from its building."""
+"""Largest distance (m) of a part that no run found from its building."""
 
 
 def compare(

@@ -16,7 +16,7 @@ from eaves.flow.advice import FEWEST
 from eaves.model import Values
 
 TRIM = 3.0
-"""Pairs farther off than so many robust standard deviations are taken for changes."""
+"""Robust standard deviations beyond which pairs are taken for changes."""
 
 ROUNDS = 8
 """Rounds of trimming and fitting; they settle after three or four."""

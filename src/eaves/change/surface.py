@@ -24,7 +24,7 @@ something else under it; a roof above it; only what is no roof above it."""
 LEAST_NEIGHBOURS = 5
 """Fewer points decide nothing."""
 NEIGHBOURS = 16
-"""A point's plane is that of so many nearest."""
+"""Number of nearest points that define a point's plane."""
 STEEPEST = 2.5
 """Tangent of the steepest roof (68°)."""
 BESIDE = 0.4

@@ -132,7 +132,12 @@ class RoofAttributes(SurfaceDetector):
         le=1.0,
     )
     regrow: float = parameter(
-        RIM_M, "How far the rim grows.", unit="m", off=0.0, step="operator 3: reconstruction", ge=0.0
+        RIM_M,
+        "Distance by which the rim grows.",
+        unit="m",
+        off=0.0,
+        step="operator 3: reconstruction",
+        ge=0.0,
     )
 
     def usual_cell(self, spacing: float) -> float:

@@ -49,7 +49,7 @@ STOREY_M = 2.9
 """Height of a storey with its floor, from floor to floor (m), as dwellings in Europe have it."""
 
 LOWEST_STOREY_M = 2.2
-"""No storey is lower (m): the volume holds so many times the footprint, or there are fewer."""
+"""Least mean height (m) of a storey: the volume over the footprint holds no more storeys of it."""
 
 CODES = {"flat": "1000", "shed": "1010", "gable": "1030", "hip": "1040", "pyramid": "1070", "complex": "1130"}
 """The roof types in the code list of CityGML's `roofType` (SIG3D)."""

@@ -47,7 +47,7 @@ TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
 
 NAMED_SOURCES = 100
-"""So many point files are named in each output; of more the first are, and how many there are."""
+"""Maximum number of point files named in each output; of more the first are, and their number."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
 WORK, REMOTE = ".eaves-work", "remote"

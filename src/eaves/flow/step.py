@@ -37,7 +37,7 @@ class Input:
     reach : str or None
         Parameter with the width (m) of the surroundings of a unit within which they are taken.
     rings : int
-        So many rings of blocks around a unit, where no reach is given.
+        Number of rings of blocks around a unit, where no reach is given.
     load : callable or None
         Reads a block's points from the store; None for those within the reach as one cloud.
     ids : bool

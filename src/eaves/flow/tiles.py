@@ -83,7 +83,7 @@ class TileTask:
     window: Window
     """Of the whole run."""
     ring: int = 1
-    """So many blocks around the tile can be computed with it."""
+    """Number of rings of blocks around the tile that can be computed with it."""
 
     def holds(self, block: Block) -> bool:
         """True if a block is one of the tile's."""

@@ -204,7 +204,7 @@ ADDRESS_COLUMNS: tuple[tuple[str, ...], ...] = (
 """Columns of the BAG's addressable objects: the building's id, street, number, letter, addition, postcode,
 town."""
 ADDRESSES_SHOWN = 3
-"""A building of more addresses lists so many, and how many more there are."""
+"""Maximum number of addresses listed for a building; of more, their number is given."""
 
 
 def address_columns(columns: Sequence[str]) -> list[str | None]:

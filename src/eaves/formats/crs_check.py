@@ -22,7 +22,7 @@ log = logging.getLogger("eaves")
 SAME_PLACE = 1.0
 """Two systems are one where they put the data within this distance (m)."""
 BESIDE_DEG = 1.5
-"""Surveys go on so far (degrees) beyond the area a system is made for."""
+"""Distance (degrees) by which surveys extend beyond the area a system is made for."""
 FOOT = 0.3048
 FORCE = "or, if it is meant, say so with --crs-force"
 

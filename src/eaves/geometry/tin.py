@@ -18,7 +18,7 @@ OUTSIDE = -1
 CURVE_BITS, CURVE_SIDE = 4, 16
 """Levels of the Hilbert curve that are looked up at once, and cells along a side of them."""
 PLACE_BITS = 31
-"""Points are numbered in so many bits; with their position on the Hilbert curve they make 63."""
+"""Bits of the numbers of points; with those of their position on the Hilbert curve they make 63."""
 CLOSE_BITS = 30
 """Squared distances under 2 to this power of quanta (3.2 m) leave the in-circle determinant in 62 bits."""
 NEAR_BITS = 39

@@ -46,7 +46,7 @@ FARTHEST = 2_000_000.0
 TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
 ROOFS_AT_ONCE = 400
-"""The points are held against so many roof faces at a time, which takes some 20 MB."""
+"""Number of roof faces that points are compared with at a time, which takes some 20 MB."""
 EDGE = 0.01
 """Points on the rim of the terrain (m) belong to it, however they were rounded."""
 MARGIN = 30.0

@@ -20,7 +20,7 @@ from eaves.model.building import LODS
 UNKNOWN_ERROR = 65535
 """RMSE (mm) of a face that no points are known of: the largest whole number of two bytes."""
 PIECE_FACES = 4000
-"""So many faces are cut into triangles at a time, which takes some 40 MB."""
+"""Number of faces that are cut into triangles at a time, which takes some 40 MB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ ENTRY = np.dtype(
 )
 """Records, west-south-east-north (world metres), bits of `FIELDS`, fingerprint, end of the path's bytes."""
 LISTED_INPUTS = 1000
-"""Up to so many inputs are named one by one in run.json; of more, their number and common hash are."""
+"""Maximum number of inputs named one by one in run.json; of more, their number and common hash are."""
 
 
 @dataclass(frozen=True, eq=False)

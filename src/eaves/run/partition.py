@@ -31,9 +31,10 @@ from eaves.run.world_squares import ring
 log = logging.getLogger("eaves")
 
 PART_POINTS = 4_000_000
-"""A longer file is read in parts of about so many records, which several processes share."""
+"""Records of each part in which a longer file is read by several processes, about."""
 BOX_TOLERANCE = 1.0
-"""Points this far (m) outside the box of their header make it a lie; writers round boxes, not metres."""
+"""Distance (m) of points outside the box of their header from which it is wrong; writers round boxes, but
+not by metres."""
 
 
 @dataclass(frozen=True)

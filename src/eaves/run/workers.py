@@ -27,7 +27,7 @@ from eaves.run.memory import REMEDY, limit_memory, share_memory
 log = logging.getLogger("eaves")
 Task = TypeVar("Task")
 AHEAD = 4
-"""Tasks that wait for each worker, where there are so many."""
+"""Maximum number of tasks that wait for each worker."""
 PROCESS_STATUS, PROCESS_SCORE = Path("/proc/self/status"), Path("/proc/self/oom_score_adj")
 FEW = 64
 """Tasks for each worker, of which the largest go first."""

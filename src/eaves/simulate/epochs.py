@@ -43,10 +43,10 @@ LOWEST_WALL = 2.1
 """No change leaves walls lower than this (m) over the ground beside them."""
 
 REPLACED_M2, REPLACED_M = 25.0, 0.5
-"""A roof is replaced on a building at least so large (m²), by one so far (m) from it in the mean."""
+"""Smallest building (m²) whose roof is replaced, and least mean height difference (m) of the new roof."""
 
 OVERLAP = 0.3
-"""An annex goes so far (m) under the roof it is built to, so that both are one building."""
+"""Distance (m) by which an annex extends under the roof it is built to, so that both are one building."""
 
 CARS_KEPT = 0.5
 """Share of the parking places that are taken at one time."""

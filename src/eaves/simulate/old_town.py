@@ -30,7 +30,7 @@ Grid = NDArray[np.float64]
 NODES_M = 0.5
 """Distance of the nodes of the terrain: its walls lean by so much."""
 DYKE_SEEDS = 2
-"""One seed in so many has a dyke through the town."""
+"""Number of seeds of which one has a dyke through the town."""
 DYKE_M = 25.0
 """Width that is kept free for it."""
 STOREY_M = 3.0

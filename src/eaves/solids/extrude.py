@@ -356,7 +356,7 @@ def step_back(
 
 
 FIRMNESS = 2.5
-"""Where solids are not sound, the shortest edge is taken so many times as long, twice."""
+"""Factor on the shortest edge where solids are not sound, applied twice."""
 
 
 @dataclass(frozen=True, eq=False)

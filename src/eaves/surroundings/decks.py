@@ -28,45 +28,46 @@ class DeckRules(Method):
 
     widest: float = parameter(
         30.0,
-        "Six lanes and two footways; what is wider is terrain or a roof. A deck is followed four times "
-        "as far.",
+        "Largest width of a deck, six lanes and two footways: wider is terrain or a roof. A deck is "
+        "followed four times as far.",
         unit="m",
         gt=0.0,
     )
     step: float = parameter(
         0.5,
-        "A surface goes on from cell to cell up to this rise, and a point so near to it is of it: a kerb, or "
-        "a slope of one in three.",
+        "Rise up to which a surface continues from cell to cell, and distance within which a point is of "
+        "it: a kerb, or a slope of one in three.",
         unit="m",
         gt=0.0,
     )
     fall: float = parameter(
         2.0,
-        "Known ground beside a deck lies deeper by so much, within two cells: a person walks beneath. A bank "
-        "of earth, one in two at the most, falls less in two cells of 1.5 m.",
+        "Least depth of known ground beside a deck, within two cells: a person walks beneath. A bank of "
+        "earth, one in two at the most, falls less in two cells of 1.5 m.",
         unit="m",
         gt=0.0,
     )
     water_fall: float = parameter(
         0.7,
-        "Where nothing returns beside a deck, the lowest rim near by lies deeper by so much.",
+        "Least depth of the lowest rim near by, where nothing returns beside a deck.",
         unit="m",
         gt=0.0,
     )
     water_width: float = parameter(
         4.5,
-        "A hole in the data is water when a square so wide fits in: the shadow of a wall is narrower.",
+        "Side of a square that fits into a hole in the data if it is water: the shadow of a wall is "
+        "narrower.",
         unit="m",
         gt=0.0,
     )
     water_share: float = parameter(
-        0.4, "Cells in a hole with less than this share of the usual points are water.", ge=0.0
+        0.4, "Share of the usual points below which cells in a hole are water.", ge=0.0
     )
     least_area: float = parameter(
-        10.0, "A smaller strip is no bridge, but a boat or a stair.", unit="m²", ge=0.0
+        10.0, "Smallest area of a bridge; a smaller strip is a boat or a stair.", unit="m²", ge=0.0
     )
     terrain_area: float = parameter(
-        300.0, "A deck's ends join a surface of at least so much.", unit="m²", ge=0.0
+        300.0, "Smallest area of a surface that a deck's ends join.", unit="m²", ge=0.0
     )
 
 

@@ -20,9 +20,9 @@ class VegetationRules(Method):
     of `ign_urban`. Points a detector calls tree are vegetation in any case.
     """
 
-    low: float = parameter(0.5, "Up to this height vegetation is low, class 3.", unit="m", ge=0.0)
+    low: float = parameter(0.5, "Height up to which vegetation is low, class 3.", unit="m", ge=0.0)
     medium: float = parameter(
-        2.0, "Up to this height it is medium, class 4; above, high, class 5.", unit="m", ge=0.0
+        2.0, "Height up to which it is medium, class 4; above, high, class 5.", unit="m", ge=0.0
     )
     cell: float = parameter(
         2.0,

@@ -34,17 +34,17 @@ class WireRules(Method):
         4.0, "Lowest height over the terrain: lines along roads hang 5 m high and more.", unit="m", ge=0.0
     )
     neighbours: int = parameter(
-        4, "So many neighbours of a point, no farther than as many cells, lie in a row with it.", ge=2
+        4, "Number of neighbours of a point, no farther than as many cells, that lie in a row with it.", ge=2
     )
     few: int = parameter(
         16,
-        "Points, one in each cube, in three by three cells and one layer as high as wires hang, at most: a "
-        "roof has 36, and half of it 18.",
+        "Largest number of points, one in each cube, in three by three cells and one layer as high as "
+        "wires hang: a roof has 36, and half of it 18.",
         ge=1,
     )
     across: float = parameter(
         0.15,
-        "Standard deviation across a row, at most, for noise and sag; and as a share of that along it, too.",
+        "Largest standard deviation across a row, for noise and sag; and as a share of that along it, too.",
         unit="m",
         gt=0.0,
     )
@@ -52,7 +52,7 @@ class WireRules(Method):
         25.0, "Least length of a line: shorter are branches, gutters and handrails.", unit="m", gt=0.0
     )
     upright: float = parameter(
-        4.0, "A tower is so many times higher than wide in the middle of its height: a tree is not.", gt=0.0
+        4.0, "Least ratio of a tower's height to its width halfway up: a tree has less.", gt=0.0
     )
     gap: float = parameter(
         0.25,

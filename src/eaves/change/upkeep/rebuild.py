@@ -53,7 +53,7 @@ class Rebuilt:
 
 
 def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_progress) -> Rebuilt:
-    """Model the edited buildings of a run again, and write its vector files anew.
+    """Remodel the edited buildings of a run, and rewrite its vector files.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class Versions:
 
     @property
     def ended(self) -> list[str]:
-        """Those of which a version is no more."""
+        """Those of which a version has ended."""
         return [*self.gone, *self.remodelled]
 
 

@@ -98,21 +98,21 @@ class EvidenceRules(Method):
 
     enclosed: float = parameter(
         6.0,
-        "What stands on a roof has roof on all sides within so much, a tree beside one has not; and so far a "
-        "plane is carried on below a crown.",
+        "Radius within which an object on a roof has roof on all sides, unlike a tree beside one; also "
+        "the distance by which a plane is extended below a crown.",
         unit="m",
         gt=0.0,
     )
     small_surface: float = parameter(
-        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
+        2.0, "Smallest surface that says more than its cells do.", unit="m²", ge=0.0
     )
     rounds: int = parameter(
         3,
-        "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
+        "Rounds of measuring echoes and penetration; after three they change by less than 1 %.",
         ge=0,
     )
     most_log_ratio: float = parameter(
-        4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
+        4.0, "Largest log-likelihood ratio of echoes or penetration: fifty to one.", gt=0.0
     )
     even_area: float = parameter(
         20.0,
@@ -121,7 +121,7 @@ class EvidenceRules(Method):
         ge=0.0,
     )
     even_residual: float = parameter(
-        0.25, "The residual of such a surface is at most so many times `max_residual`.", ge=0.0
+        0.25, "Largest residual of such a surface, in multiples of `max_residual`.", ge=0.0
     )
 
 
@@ -135,7 +135,7 @@ def smooth_share(candidate: Mask, smooth: Mask) -> Values:
 
 
 def enclosure(roofs: Mask, steps: int) -> Values:
-    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) is within so many steps of each."""
+    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) is within `steps` of each."""
     rows, columns = roofs.shape
     found = np.zeros(roofs.shape)
     for down, right in ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)):

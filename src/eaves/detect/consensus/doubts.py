@@ -23,20 +23,21 @@ class DoubtRules(Method):
     )
     doubt_rim: float = parameter(
         0.1,
-        "A region with more of its rim on the rim of the data is doubtful: chance gaps touch less.",
+        "Share of a region's rim on the rim of the data above which it is doubtful: chance gaps touch less.",
         ge=0.0,
         le=1.0,
     )
     doubt_afloat: float = parameter(
         0.6,
-        "A region with water, or nothing, along more of its rim is doubtful: a house by a canal has land on "
-        "three sides.",
+        "Share of a region's rim along water or voids above which it is doubtful: a house by a canal has "
+        "land on three sides.",
         ge=0.0,
         le=1.0,
     )
     doubt_uneven: float = parameter(
         2.2,
-        "A region so many times as uneven as the roofs of the scan is doubtful where echoes tell little.",
+        "Unevenness, in multiples of that of the scan's roofs, from which a region is doubtful where "
+        "echoes tell little.",
         ge=1.0,
     )
 

@@ -46,12 +46,13 @@ class VehicleRules(Method):
 
     vehicle_width: float = parameter(
         ROOM_M,
-        "Vehicles are narrower, as no room is: the legal limit is 2.55 m, and points stop short of edges.",
+        "Largest width of a vehicle, less than any room's: the legal limit is 2.55 m, and points stop "
+        "short of edges.",
         unit="m",
         ge=0.0,
     )
-    vehicle_length: float = parameter(1.9, "They are at least so many times longer than wide.", ge=0.0)
-    vehicle_height: float = parameter(4.2, "Their tops are lower.", unit="m", ge=0.0)
+    vehicle_length: float = parameter(1.9, "Least ratio of a vehicle's length to its width.", ge=0.0)
+    vehicle_height: float = parameter(4.2, "Largest height of a vehicle's top.", unit="m", ge=0.0)
     vehicle_level: float = parameter(
         0.6,
         "Half the range of heights on top of a vehicle; what leaves it is something else.",

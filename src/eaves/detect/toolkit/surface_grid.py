@@ -59,7 +59,7 @@ class SurfaceDetector(Detector):
         STOREY_M, "Largest step in height between the parts of a building.", unit="m", gt=0.0
     )
     max_step: float = parameter(RIM_M, "Largest step in height at the rim.", unit="m", gt=0.0)
-    regrow: float = parameter(RIM_M, "How far the rim grows.", unit="m", off=0.0, ge=0.0)
+    regrow: float = parameter(RIM_M, "Distance by which the rim grows.", unit="m", off=0.0, ge=0.0)
 
     @property
     def buffer(self) -> float:

@@ -14,9 +14,9 @@ from eaves.formats.points.las_header import WRITE_AGAIN, LasHeader
 from eaves.formats.points.laz import VARIABLE_CHUNKS, read_chunk_table
 
 LOOKED_AT = 1000
-"""So many of the records behind the last one that the header counts are looked at."""
+"""Number of records behind the last one that the header counts that are looked at."""
 LIKELY_POINTS = 0.9
-"""They are points when so many of them have the number of their return within that of all returns."""
+"""Share of them whose return number is within the number of returns from which they are points."""
 
 
 def corrected(header: LasHeader, file: BinaryIO) -> LasHeader:

@@ -129,7 +129,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     )
     wide_around: float = parameter(
         600.0,
-        "What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings.",
+        "Distance around a square within which large objects are judged: a hall of 500 m with its "
+        "surroundings.",
         unit="m",
         gt=0,
     )
@@ -138,7 +139,7 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     )
     fine_cell: float = parameter(
         0.5,
-        "Candidates are the lowest points of such cells; half a spacing where that is more.",
+        "Side of the cells whose lowest points are candidates; half a spacing where that is more.",
         unit="m",
         gt=0,
     )
@@ -155,7 +156,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     )
     steepest: float = parameter(
         1.5,
-        "Steepest terrain: at the hull the height of the edge goes on, and more slope adds no tolerance.",
+        "Steepest terrain: steeper facets are not extended beyond the hull, and more slope adds no "
+        "tolerance.",
         ge=0,
     )
     noise_share: float = parameter(
@@ -166,7 +168,7 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         "Sets of cells that are tried where the spacing is more than `cell_least`; most of them decide.",
         ge=1,
     )
-    rounds: int = parameter(8, "Most rounds of densification.", ge=0)
+    rounds: int = parameter(8, "Maximum number of rounds of densification.", ge=0)
     slant_share: float = parameter(
         0.6,
         "Added per unit of slope, in spacings: a point's place is as uncertain as that.",

@@ -15,12 +15,12 @@ class Rim(Method):
 
     rim_apart: float = parameter(
         10.0,
-        "Points that predict the terrain stand half as far outside the data, and so far from each other.",
+        "Distance between points that predict the terrain; the first stand half as far outside the data.",
         unit="m",
         gt=0,
     )
     rim_nearest: int = parameter(
-        32, "Each lies on the plane through so many of the nearest sure ground points.", ge=1
+        32, "Number of nearest sure ground points that define the plane of each.", ge=1
     )
 
 

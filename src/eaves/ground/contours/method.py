@@ -63,7 +63,7 @@ class ContourGround(GroundMethod):
         unit="m",
         gt=0.0,
     )
-    interval: float = parameter(0.5, "Height between contours.", unit="m", gt=0.0)
+    interval: float = parameter(0.5, "Contour interval.", unit="m", gt=0.0)
     longest_outline: float = parameter(
         600.0,
         "A closed contour longer than this, the outline of a block of houses of 200 m by 100 m, lies on "
@@ -81,11 +81,15 @@ class ContourGround(GroundMethod):
         step="open contours: end distance",
         gt=0.0,
     )
-    tolerance: float = parameter(0.3, "What lies this close to the terrain belongs to it.", unit="m", gt=0.0)
+    tolerance: float = parameter(
+        0.3, "Distance from the terrain within which points belong to it.", unit="m", gt=0.0
+    )
     rise: float = parameter(
         0.3, "Added to the tolerance per unit of slope of the terrain, times the cell.", ge=0.0
     )
-    rounds: int = parameter(10, "Most rounds of refinement.", off=1, step="iteration of the DTM", ge=1)
+    rounds: int = parameter(
+        10, "Maximum number of rounds of refinement.", off=1, step="iteration of the DTM", ge=1
+    )
 
     @property
     def buffer(self) -> float:

@@ -26,7 +26,7 @@ class Opening(TerraceRules):
     object_slope: float = parameter(
         0.08, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
     )
-    slope_share: float = parameter(0.3, "Part of the terrain's slope that is added to it.", ge=0)
+    slope_share: float = parameter(0.3, "Share of the terrain's slope that is added to it.", ge=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,7 +102,10 @@ class GlobalFit(LowPartRules, OutlineMethod):
     alpha: float = parameter(1.15, "radius of the largest empty disc, in spacings", gt=0)
     share: float = parameter(SHARE, "least share of the points inside, or alpha is widened", ge=0, le=1)
     sparse: float = parameter(
-        3.0, "points outside within so many times alpha of each other and of the rest are taken in", ge=1
+        3.0,
+        "distance, in multiples of alpha, within which points outside are taken in, from each other and "
+        "from the rest",
+        ge=1,
     )
     scatter: float = parameter(0.28, "scatter of a boundary point about its edge, in spacings", gt=0)
     blur: float = parameter(
@@ -110,8 +113,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     )
     spot: float | None = parameter(
         None,
-        "how far the width of the beam lets points reach beyond an edge; from the data half the strip in "
-        "which pulses come back twice",
+        "distance by which the width of the beam lets points reach beyond an edge; from the data half the "
+        "strip in which pulses come back twice",
         unit="m",
         ge=0,
     )
@@ -127,8 +130,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     )
     beside: float = parameter(
         1.5,
-        "ground beside a boundary point lies within so many spacings and `least_beside`, a crown within "
-        "twice that",
+        "distance from a boundary point, in spacings and at least `least_beside`, within which ground is "
+        "beside it; a crown within twice that",
         gt=0,
     )
     over: float = parameter(
@@ -138,7 +141,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         ge=0,
     )
     sides: int = parameter(24, "fewest sides of a circle, such as a tank or a silo", ge=8)
-    step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
+    step: float = parameter(7.5, "step between the directions that are tried first", unit="°", gt=0, le=45)
     tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
@@ -151,7 +154,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
     )
     strip_behind: float = parameter(4.0, "and up to this far behind it, in spacings", gt=0)
     wall_beside: float = parameter(
-        1.0, "points of a wall have roof points above them within so many spacings", ge=0
+        1.0, "distance, in spacings, within which points of a wall have roof points above them", ge=0
     )
     least_beside: float = parameter(0.5, "and at least within this", unit="m", ge=0)
     widest_spot: float = parameter(

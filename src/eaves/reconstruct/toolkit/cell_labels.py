@@ -18,7 +18,7 @@ from eaves.solids.extrude import LOWEST_ROOF
 from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers
 
 LARGEST = 1e5
-"""A label that costs so much at a node is never taken."""
+"""Cost of a label at a node from which it is never taken."""
 
 LEAST_GAIN = 1e-4
 """Moves that gain no more than this are not made."""

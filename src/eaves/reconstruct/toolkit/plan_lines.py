@@ -42,7 +42,7 @@ class LineReconstructor(Reconstructor):
     )
     extension: float = parameter(
         1.0,
-        "How far a line reaches beyond its evidence before it ends on the next one.",
+        "Distance by which a line extends beyond its evidence before it ends on the next one.",
         unit="m",
         ge=0.0,
     )

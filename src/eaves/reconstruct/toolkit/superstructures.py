@@ -30,7 +30,7 @@ from eaves.solids.soundness import CLOSEST, LOWEST_WALL
 from eaves.solids.undersides import RoofPlan, close_slabs
 
 CLEARANCE = SAME_HEIGHT + COORDINATE_STEP
-"""A body begins so far (m) over the planes of the roof: what rounding and shared vertices move both by."""
+"""Height (m) over the roof planes at which a body begins: what rounding and shared vertices move both by."""
 
 
 def stand_bodies(

@@ -37,24 +37,25 @@ class RowRules(Method):
 
     jog: float = parameter(
         JOG_M,
-        "How far a front may step back and forth and is one: bays, porches, unequal overhangs.",
+        "Distance by which a front may step back and forth and still be one: bays, porches, unequal "
+        "overhangs.",
         unit="m",
         ge=0.0,
     )
     shortest_front: float = parameter(
         5.0,
-        "Two houses do not stand side by side on a shorter front; edges of this length show how walls run.",
+        "Shortest front of two houses side by side; edges of this length show how walls run.",
         unit="m",
         gt=0.0,
     )
     most_deeper: float = parameter(
         2.0,
-        "Where ground is deeper than this many times the row's median depth, another row stands behind.",
+        "Depth of ground, in multiples of the row's median depth, beyond which another row stands behind.",
         gt=1.0,
     )
     most_turn: float = parameter(
         5.0,
-        "Angle by which jogs turn a front away from the edges it consists of, at most.",
+        "Largest angle by which jogs turn a front away from the edges it consists of.",
         unit="degree",
         ge=0.0,
         le=45.0,
@@ -67,7 +68,7 @@ class RowRules(Method):
     )
     most_lean: float = parameter(
         40.0,
-        "Angle by which party walls lean from upright on the front, at most.",
+        "Largest angle by which party walls lean from upright on the front.",
         unit="degree",
         ge=0.0,
         lt=90.0,
