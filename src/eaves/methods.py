@@ -57,7 +57,7 @@ def parameter(
         The default; None means: derived from the measured spacing and noise, by the rule the sentence states;
         `...`: what the paper prints.
     sentence : str
-        What the parameter means.
+        Meaning of the parameter.
     unit : str
         Its unit; `1` for shares and counts.
     symbol : str or None

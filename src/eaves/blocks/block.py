@@ -119,7 +119,7 @@ def see_regions(
     decks: Mapping[Block, tuple[Decks, ...]],
     parameters: Any,
 ) -> BlockView:
-    """What decides the rasters and regions of a block."""
+    """View of a block from which its rasters and regions are computed."""
     seen = block.bounds.buffered(parameters.scene_buffer)
     beneath, doubts = None, tuple[Doubt, ...]()
     if parameters.sees_wide:
@@ -176,7 +176,7 @@ def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:
 
 
 def holds(bounds: Bounds, doubt: Doubt) -> bool:
-    """Whether a doubt lies within bounds: of neighbouring blocks only one has it."""
+    """True if a doubt lies within bounds: of neighbouring blocks only one has it."""
     return bool(bounds.contains(np.array([[doubt.x, doubt.y]]))[0])
 
 

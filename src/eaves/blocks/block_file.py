@@ -40,12 +40,12 @@ class Candidates:
     label: Labels
     part: NDArray[np.uint8]
     high: NDArray[np.bool_]
-    """Whether a given footprint may take the point: high over the terrain, neither ground nor noise."""
+    """True if a given footprint may take the point: high over the terrain, neither ground nor noise."""
     score: NDArray[np.float64]
     """Of each label, (K,)."""
     spacing: float
     not_last: NDArray[np.bool_]
-    """Whether the pulse came back once more from below."""
+    """True if the pulse returned once more from below."""
 
     def numbers_of(self, label: int) -> NDArray[np.int64]:
         """The numbers (K,), ascending, of the points that bear a label."""

@@ -46,7 +46,7 @@ class GroundView:
 def see_ground(
     block: Block, points: PointWindow, large: Mapping[Block, tuple[Patch, ...]], parameters: Any
 ) -> GroundView:
-    """What decides the ground of a block."""
+    """View of a block from which its ground is computed."""
     objects = None
     if parameters.sees_wide:
         bounds = block.bounds.buffered(parameters.ground.buffer)

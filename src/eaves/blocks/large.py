@@ -22,10 +22,10 @@ from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt, Decks)}
 """The classes of the results."""
 EMPTY_RIM = 24 * COARSEST_M
-"""So much (m) is looked at around the data, as far as decks are followed: more, being empty, changes
+"""Margin (m) around the data that is looked at, as far as decks are followed: more, being empty, changes
 nothing."""
 DECK_REACH = 4.0 * RULES.widest + COARSEST_M
-"""Large objects so far (m) from a square decide its decks."""
+"""Distance (m) from a square within which large objects decide its decks."""
 
 Records = NDArray[Any]
 
@@ -69,7 +69,8 @@ def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) ->
 
 
 def find_large(seen: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
-    """What stands over the terrain in a square, and around it as far as it decides decks."""
+    """Patch of the large objects over the terrain in a square and around it, as far as decks need; empty for
+    none."""
     patch = None if seen.floor is None else parameters.ground.find_wide_objects(seen.floor)
     return () if patch is None else (patch.cropped(seen.square.bounds.buffered(DECK_REACH)),)
 
@@ -90,7 +91,7 @@ def find_square_decks(seen: tuple[Block, tuple[Decks, Mask] | None], parameters:
 
 
 def large_objects(large: Mapping[Block, tuple[Patch, ...]]) -> WideObjects:
-    """What stands over the terrain in some squares."""
+    """The large objects over the terrain in some squares."""
     patches = (patch.cropped(square.bounds) for square in large for patch in large[square])
     return WideObjects(tuple(patches))
 

@@ -73,8 +73,8 @@ def find_superseded(
 def covers_place(
     scans: Mapping[Block, list[tuple[int, Records]]], block: Block, first: int, end: int, records: Records
 ) -> Mask:
-    """Which of a block's points (N,) lie in the area that points of some inputs cover: cells of `COVER_CELL`
-    that hold some that are not noise, closed."""
+    """Mask (N,) of a block's points in the area that points of some inputs cover: cells of `COVER_CELL` that
+    hold points other than noise, closed."""
     corner = np.floor(np.array(block.origin) / COVER_CELL).astype(np.int64) - MARGIN
     count = int(np.ceil(block.side / COVER_CELL)) + 1 + 2 * MARGIN
     grid = np.zeros((count, count), bool)
@@ -89,7 +89,7 @@ def covers_place(
 
 
 def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:
-    """Which old points (N,) and which new ones (M,) agree in all of `SAME`, each with one of the other."""
+    """Masks of the old (N,) and of the new points (M,) that agree in all of `SAME`, paired one to one."""
     both = np.concatenate([old, new])
     is_new = np.arange(len(both)) >= len(old)
     x, y, z = both["xyz"].T

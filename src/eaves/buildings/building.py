@@ -48,7 +48,7 @@ BEND_DEG, FAR_M = 20.0, 1.0
 """A corner turns by more, a curve by less; ground farther off (m) does not show where a building ends."""
 
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
-"""Where the height of a base can be from; the column `ground_source` says it."""
+"""Sources of the height of a base; the column `ground_source` says it."""
 
 
 def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[BuildingPoints]:
@@ -206,7 +206,7 @@ def heights_under(
 
 
 def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
-    """Where the height of the base is from: `measured` where ground was seen beside the outline, else
+    """Source of the height of the base: `measured` where ground was seen beside the outline, else
     `interpolated` by the terrain model; for a given footprint from the nearest ground, at a distance (m)."""
     if building.ground_seen is None:
         return {}
@@ -220,8 +220,8 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
-    """How an outline that was not given looks: its corners, the share of the least rectangle or circle around
-    it that it fills, and the share, but for walls to other units, without ground within `FAR_M`."""
+    """Figures of an outline that was not given: its corners, the share of the least rectangle or circle
+    around it that it fills, and the share, but for walls to other units, without ground within `FAR_M`."""
     polygon = footprint.polygon
     around = min(polygon.minimum_rotated_rectangle.area, shapely.minimum_bounding_circle(polygon).area)
     facts: dict[str, object] = {

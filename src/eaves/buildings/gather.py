@@ -171,7 +171,7 @@ class Gatherer:
 
 
 def read_result(regions: Mapping[Block, BlockFile], block: Block, take: Callable[[BlockFile], T]) -> T | None:
-    """What is taken from the result of a block; None where it failed or has no points."""
+    """Value that `take` reads from the result of a block; None where it failed or has no points."""
     if block not in regions:
         return None
     with regions[block] as file:
@@ -190,7 +190,7 @@ def cells_of(seen: Raster) -> Points:
 
 
 def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
-    """Whether ground was seen beside an outline and within `MARGIN` of it, off the cells that it touches."""
+    """True if ground was seen beside an outline and within `MARGIN` of it, off the cells that it touches."""
     xy = cells_of(seen)
     xy = xy[Bounds(*polygon.bounds).buffered(MARGIN).contains(xy)]
     wide, narrow = polygon.buffer(MARGIN), polygon.buffer(np.sqrt(2.0) * seen.cell)

@@ -27,10 +27,10 @@ class Seam:
     point_id: np.ndarray
     label: np.ndarray
     inside: np.ndarray
-    """Which labels (count + 1,) have points inside the block."""
+    """Mask (count + 1,) of the labels that have points inside the block."""
 
     sides: np.ndarray
-    """Which sides each label comes near (block_file.sides_of)."""
+    """Sides that each label comes near (block_file.sides_of)."""
 
     @classmethod
     def read(cls, file: BlockFile) -> Seam:
@@ -79,7 +79,7 @@ class JoinedRegions:
     label: np.ndarray
     component: np.ndarray
     held: np.ndarray
-    """Whether points of it lie in its block."""
+    """True if points of it lie in its block."""
     sides: np.ndarray
 
 

@@ -44,7 +44,7 @@ class GatheredBuildings:
 def see_buildings(
     plan: OwnedBuildings, regions: Mapping[Block, BlockFile], points: object, parameters: Any
 ) -> GatheredBuildings:
-    """What decides the buildings of an owner block: their points and what lies around them."""
+    """View of the buildings of an owner block from which they are computed: their points and surroundings."""
     gatherer = Gatherer(regions, around=MARGIN if parameters.keeps_low else None)
     if parameters.snap_footprints:
         plan = gatherer.snapped(plan)

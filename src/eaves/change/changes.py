@@ -35,7 +35,7 @@ class BuildingChange:
 
     @property
     def certainty(self) -> str | None:
-        """How certain the change is, `high`, `medium` or `low`; None where there is none.
+        """Certainty of the change, `high`, `medium` or `low`; None where there is none.
 
         A change rests on the points that show it, on how much of the roof the other epoch shows, and, where
         one run alone has the building, on that run's score. What is unchanged rests on the last two.
@@ -98,6 +98,6 @@ class Comparison:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many buildings underwent each change."""
+        """Number of buildings that underwent each change."""
         names = [change.verdict.change for change in self.changes]
         return {name: names.count(name) for name in sorted(set(names), key=names.index)}

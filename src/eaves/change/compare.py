@@ -38,7 +38,7 @@ from eaves.model.block import BLOCK_SIDE
 from eaves.model.cloud import NOISE_CLASSES
 
 BESIDE_M = 1.5
-"""A part that no run found is at most so far (m) from its building."""
+"""Largest distance (m) of a part that no run found from its building."""
 
 
 def compare(
@@ -53,7 +53,7 @@ def compare(
     Parameters
     ----------
     old, new : str or Path
-        What `eaves build` wrote for each epoch.
+        Folder of `eaves build` for each epoch.
     work : str, Path or None
         Folder for the points by block, which are removed; None for the system's temporary folder.
     progress : callable
@@ -146,7 +146,7 @@ class Comparer:
         return changes
 
     def is_attached(self, site: Site) -> bool:
-        """Whether a run has another building that touches those of a site."""
+        """True if a run has another building that touches those of a site."""
         return any(
             len(tree.query(one.polygon, "dwithin", PARTY_GAP)) > len(here)
             for tree, here in zip(self.trees, (site.old, site.new), strict=True)

@@ -173,7 +173,7 @@ class Order:
     flat: bool
     edits: tuple[Edit, ...]
     known: bool = True
-    """Whether the run found the building."""
+    """True if the run found the building."""
 
     @property
     def provenance(self) -> dict[str, str]:

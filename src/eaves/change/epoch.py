@@ -29,7 +29,7 @@ from eaves.run.world_squares import squares_of
 log = logging.getLogger("eaves")
 
 TURNED = 0.05
-"""Two plane systems turn and stretch by so much at the most: blocks are looked up with this margin."""
+"""Largest rotation and stretch between two plane systems: blocks are looked up with this margin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ def open_epoch(
     Parameters
     ----------
     folder
-        What `eaves build` wrote.
+        Folder of `eaves build`.
     work
         Folder for the points by block; the caller removes it.
     target

@@ -63,7 +63,7 @@ def roof_points(xyz: Points, cloud: PointCloud, rough: float, lowest: float) -> 
 
 
 def mostly(flat: Mask, xyz: Points, side: float) -> Mask:
-    """Whether most (`MOSTLY`) of the points around each (N,) are flat, in square cells: roofs are, and in
+    """Mask (N,) of the points in square cells most (`MOSTLY`) of whose points are flat: roofs are, and in
     crowns a few leaves lie on a plane by chance."""
     cell = np.floor(xyz[:, :2] / side).astype(np.int64)
     cell -= cell.min(axis=0, initial=0)

@@ -22,10 +22,10 @@ REACH = 6.0
 """Width of the surroundings of a block that its points are faced with (m): more than any radius."""
 
 FARTHEST = 1.0
-"""Epochs lie at most so far off each other in plan, and pairs from planes (m): half a storey is more."""
+"""Largest shift in plan between epochs, and of pairs from planes (m): half a storey is more."""
 
 BLOCKS_FOR_SHIFT = 60
-"""The shift follows from at most so many blocks, spread evenly."""
+"""Maximum number of blocks that the shift is derived from, spread evenly."""
 
 SMOOTHEST = 0.08
 """Noise of tiles and gravel (m) under which no roof lies."""
@@ -85,7 +85,8 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
 
 
 def ground_differences(old: PointCloud, new: PointCloud) -> NDArray[np.float64]:
-    """How much higher the new epoch's ground lies (K,) in the cells that both show, those median in each."""
+    """Rise (K,) of the median heights of ground from the old to the new epoch, in the cells that both
+    show."""
     keys, heights = [], []
     for cloud in (old, new):
         ground = cloud.xyz[classes_of(cloud) == GROUND]

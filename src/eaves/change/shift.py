@@ -1,4 +1,4 @@
-"""How far one epoch lies beside and over the other, from ground and roofs that are the same in both.
+"""Shift of one epoch against the other, in plan and height, from ground and roofs that are the same in both.
 
 A point p of the old epoch on a plane of slopes a, b and the new epoch's point beside it differ along the
 plane's vertical by d. Where nothing changed, d = dz − a·dx − b·dy: ground and flat roofs give dz, slopes to
@@ -16,7 +16,7 @@ from eaves.flow.advice import FEWEST
 from eaves.model import Values
 
 TRIM = 3.0
-"""Pairs farther off than so many robust standard deviations are taken for changes."""
+"""Robust standard deviations beyond which pairs are taken for changes."""
 
 ROUNDS = 8
 """Rounds of trimming and fitting; they settle after three or four."""

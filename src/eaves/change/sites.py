@@ -1,4 +1,4 @@
-"""Which buildings of two epochs stand at one place, and the name that each keeps."""
+"""Matching of the buildings of two epochs that stand at one place, and the name that each keeps."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ something else under it; a roof above it; only what is no roof above it."""
 LEAST_NEIGHBOURS = 5
 """Fewer points decide nothing."""
 NEIGHBOURS = 16
-"""A point's plane is that of so many nearest."""
+"""Number of nearest points that define a point's plane."""
 STEEPEST = 2.5
 """Tangent of the steepest roof (68°)."""
 BESIDE = 0.4
@@ -78,11 +78,12 @@ class Pairs:
         return cls(len(xyz), point, other, way[:, :2], over)
 
     def number(self, mask: Mask) -> NDArray[np.int64]:
-        """How many pairs of a mask (P,) each roof point (N,) has."""
+        """Number (N,) of pairs of a mask (P,) that each roof point has."""
         return np.bincount(self.point[mask], minlength=self.count)
 
     def highest(self, mask: Mask, sign: float = 1.0) -> Values:
-        """How far the highest (or, by sign −1, the lowest) of some lies over each roof point; none: −inf."""
+        """Height (N,) of the highest of some over each roof point (sign −1: depth of the lowest); none:
+        −inf."""
         found = np.full(self.count, -np.inf)
         np.maximum.at(found, self.point[mask], sign * self.over[mask])
         return found
@@ -93,7 +94,7 @@ class Pairs:
         return np.asarray(total / np.maximum(self.number(mask), 1))
 
     def beside(self, mask: Mask, radius: float) -> Mask:
-        """Whether some of the points around each roof point (N,) lie to one side of it."""
+        """Mask (N,) of the roof points to one side of which some of the points around them lie."""
         return np.hypot(*(self.mean(mask, way) for way in self.way.T)) > BESIDE * radius
 
 

@@ -102,7 +102,7 @@ class Side:
         return float(sum(self.size[mask].sum() for mask in masks))
 
     def are_vehicles(self, mask: Mask, link: float) -> bool:
-        """Whether most of some points are those of vehicles, by the detector's rules; points of one body are
+        """True if most of some points are those of vehicles, by the detector's rules; points of one body are
         linked to those nearer than `link` (m)."""
         if not mask.any():
             return False
@@ -120,7 +120,7 @@ class Verdict:
     change: str
     also: tuple[str, ...] = ()
     height_m: float = 0.0
-    """How much higher the roof lies where it moved."""
+    """Rise (m) of the roof where it moved."""
     built_m2: float = 0.0
     gone_m2: float = 0.0
     moved_m2: float = 0.0
@@ -151,14 +151,14 @@ def judge_building(
     rules
         From what size on a difference is a change.
     covered
-        Whether the old and the new epoch have points at its place.
+        True for the old and for the new epoch if it has points at its place.
     link
         Points of a patch lie at most so far apart (m).
     outlined
-        Whether the old and the new run have a building at its place; points of a run that has none are its
-        neighbours'.
+        True for the old and for the new run if it has a building at its place; points of a run that has none
+        are its neighbours'.
     attached
-        Whether it touches another building: no vehicle does.
+        True if it touches another building: no vehicle does.
     score
         How sure the one run that has it is that it is a building; None where it does not say.
     """
@@ -202,7 +202,7 @@ def judge_building(
 
 
 def is_gone(one: Side, other: Side, rules: ChangeRules) -> bool:
-    """Whether nothing that matters of one epoch's roof is left in the other."""
+    """True if no significant part of one epoch's roof is left in the other."""
     left = one.area_of(np.isin(one.state, (SAME, ROOF_ABOVE, ROOF_BELOW)))
     return left < max(rules.smallest_m2, rules.most * min(one.area, other.area))
 
@@ -259,7 +259,7 @@ def kind_of_move(rise: Values) -> str:
 
 
 def moved(side: Side, way: float) -> Values:
-    """How much higher the new roof lies at each point (m); NaN where it is the same, or no roof."""
+    """Rise (m) of the roof at each point, old to new; NaN where it is the same, or no roof."""
     return np.where(np.isin(side.state, (ROOF_ABOVE, ROOF_BELOW)), way * side.distance, np.nan)
 
 
@@ -293,15 +293,15 @@ def linked(xy: NDArray[np.float64], link: float) -> NDArray[np.int64]:
 
 
 def is_wide(xy: NDArray[np.float64], width: float, reach: float) -> bool:
-    """Whether points (N, 2), each of which covers what lies within its `reach` (m), cover a disc of some
+    """True if points (N, 2), each of which covers what lies within its `reach` (m), cover a disc of some
     diameter (m) between them: strips along edges do not."""
     covered = shapely.union_all(shapely.buffer(shapely.points(xy), reach, quad_segs=2))
     return not shapely.buffer(covered, -reach - width / 2, quad_segs=2).is_empty
 
 
 def volume_change(old: Side, new: Side) -> float:
-    """How much larger the building is (m³): each point of a roof stands for a column down to the other
-    epoch's surface; of a roof that both have, the new one's count."""
+    """Growth (m³) of the building: each point of a roof stands for a column down to the other epoch's
+    surface; of a roof that both have, the new one's count."""
     here = np.isfinite(new.distance) & (new.state != SAME) & (new.state != HIDDEN)
     more = float(-(new.distance * new.size)[here].sum())
     return more + float((old.distance * old.size)[old.came].sum())

@@ -30,7 +30,7 @@ from eaves.run.garbage import collect_rarely
 
 
 def show_version(wanted: bool) -> None:
-    """Print the version and leave."""
+    """Print the version and exit."""
     if wanted:
         from importlib.metadata import version
 
@@ -40,14 +40,15 @@ def show_version(wanted: bool) -> None:
 
 def first(
     wanted: Annotated[
-        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Print the version.")
+        bool,
+        typer.Option("--version", callback=show_version, is_eager=True, help="Print the version and exit."),
     ] = False,
 ) -> None:
     """From raw airborne LiDAR to building footprints and valid 3D buildings."""
 
 
 def doctor(
-    test: Annotated[bool, typer.Option(help="Build a small scene of known houses, too.")] = True,
+    test: Annotated[bool, typer.Option(help="Also build a small scene of known houses.")] = True,
 ) -> None:
     """Check the installation. Versions, drivers, grids, cores, caches, a self-test."""
     from eaves.cli.doctor import run_doctor
@@ -56,8 +57,8 @@ def doctor(
 
 
 def methods(
-    stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None,
-    sources: Annotated[bool, typer.Option("--sources", help="The published systems instead.")] = False,
+    stage: Annotated[str | None, typer.Argument(help="Show the methods of this stage only.")] = None,
+    sources: Annotated[bool, typer.Option("--sources", help="List the published systems instead.")] = False,
 ) -> None:
     """List the methods. Name, idea, paper, parameters."""
     for line in describe_sources() if sources else describe_methods(stage):

@@ -43,7 +43,7 @@ def build(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Build footprints, 3D models and a report from LiDAR. Also rasters and the classified points.
+    """Build footprints, 3D models and a report from LiDAR. Also writes rasters and classified points.
 
     Examples:
 
@@ -64,13 +64,13 @@ def build(
 def info(
     inputs: Inputs,
     crs: Crs = None,
-    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Describe a scan before a run. Density, returns, strips, voids, system, what may go wrong.
 
-    Up to a million points are read, of larger scans in runs evenly spread over the files.
+    At most a million points are read; in larger scans they are sampled evenly over the files.
     """
     show_facts(inputs, {} if crs is None else {"crs": crs}, as_json, quiet, verbose)
 

@@ -70,7 +70,7 @@ def memory_gb() -> float:
 
 
 def cache_folder() -> str:
-    """Where numba keeps what it compiled, with the number of files there."""
+    """Folder of the code that numba has compiled, with the number of files there."""
     import eaves
 
     said = os.environ.get("NUMBA_CACHE_DIR")
@@ -80,7 +80,7 @@ def cache_folder() -> str:
 
 
 def check_installation() -> tuple[bool, str]:
-    """Whether nine houses are found and modelled from their simulated points, and a line that says so."""
+    """True if nine houses are found and modelled from their simulated points, and a line that says so."""
     from eaves.pipeline import build
     from eaves.simulate import nine_roofs_on_a_slope, write_simulation
     from eaves.validate import validate_file

@@ -18,54 +18,60 @@ if TYPE_CHECKING:
 Inputs = Annotated[
     list[str],
     typer.Argument(
-        help="LAS, LAZ, COPC, text, PLY or E57 files, folders, globs, addresses, .vpc.", metavar="INPUT…"
+        help="LAS, LAZ, COPC, text, PLY, E57 or VPC files, folders, globs or URLs.", metavar="INPUT…"
     ),
 ]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.", rich_help_panel="output")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Path of the output.", rich_help_panel="output")]
 Crs = Annotated[
     str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
 ]
-Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
+Jobs = Annotated[
+    int, typer.Option(help="Number of processes; 0: one per core, or one for small data.", min=0)
+]
 Config = Annotated[
     Path | None,
-    typer.Option(help="TOML with a table per stage: method and parameters.", rich_help_panel="expert"),
+    typer.Option(help="TOML file with a table per stage: method and parameters.", rich_help_panel="expert"),
 ]
 Settings = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
-        help="A parameter of a stage's method, e.g. detect.min_height=2.5; may be repeated.",
+        help="Set a parameter of a stage's method, e.g. detect.min_height=2.5; may be repeated.",
         metavar="STAGE.PARAMETER=VALUE",
         rich_help_panel="methods",
     ),
 ]
-Basemap = Annotated[Path | None, typer.Option(help="Aerial image (GeoTIFF) to lay over the terrain.")]
+Basemap = Annotated[Path | None, typer.Option(help="Aerial image (GeoTIFF) to drape over the terrain.")]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Only warnings and errors.", rich_help_panel="run")
+    bool, typer.Option("--quiet", "-q", help="Show only warnings and errors.", rich_help_panel="run")
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also debug messages.", rich_help_panel="run")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Also show debug messages.", rich_help_panel="run")
+]
 Strict = Annotated[
     bool,
-    typer.Option("--strict", help="Exit with 1 when a building has no model.", rich_help_panel="expert"),
+    typer.Option("--strict", help="Exit with status 1 if a building has no model.", rich_help_panel="expert"),
 ]
 AllowEmpty = Annotated[
     bool,
     typer.Option(
         "--allow-empty",
-        help="Exit with 0 also when no point lies in the area asked for.",
+        help="Exit with status 0 even if no point lies in the requested area.",
         rich_help_panel="expert",
     ),
 ]
 DryRun = Annotated[
     bool,
-    typer.Option("--dry-run", help="Describe the scan as `eaves info` does.", rich_help_panel="expert"),
+    typer.Option(
+        "--dry-run", help="Describe the scan as `eaves info` does; compute nothing.", rich_help_panel="expert"
+    ),
 ]
 Profile = Annotated[
     bool,
     typer.Option("--profile", help="Print the time of each stage.", rich_help_panel="expert"),
 ]
 SourceName = Annotated[
-    str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
+    str | None, typer.Option(help="Run a complete published system; see `eaves methods --sources`.")
 ]
 
 

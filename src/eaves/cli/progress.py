@@ -21,7 +21,7 @@ TILE_SHARES = {"tiles": 0.97, "merge": 0.03}
 
 
 class Remaining:
-    """How long a whole run will still take, from the shares of its stages and the time it took so far."""
+    """Time that a whole run will still take, from the shares of its stages and the time it took so far."""
 
     def __init__(self, compiling: bool = False) -> None:
         self._least = LEAST_SHARE_COMPILING if compiling else LEAST_SHARE

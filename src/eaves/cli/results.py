@@ -17,14 +17,15 @@ MODELS = "buildings.city.jsonl"
 
 def validate(
     file: Annotated[
-        Path, typer.Argument(help="CityJSON, CityJSONSeq, or what `eaves build` wrote.", metavar="FILE|OUT")
+        Path,
+        typer.Argument(help="CityJSON or CityJSONSeq file, or folder of `eaves build`.", metavar="FILE|OUT"),
     ],
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Check every solid and every file of a run. The exit status is 1 when there is a defect.
+    """Check every solid and every file of a run. The exit status is 1 if there is a defect.
 
-    Defects of solids have val3dity's codes. A file of a run is reported when it is missing or was changed.
+    Defects of solids have the codes of val3dity. Files of a run that are missing or modified are reported.
     """
     from eaves.formats import InputError
     from eaves.run.manifest import check_folder, files_of_run
@@ -54,19 +55,22 @@ def printable(text: str) -> str:
 def evaluate(
     what: Annotated[
         str,
-        typer.Argument(help="ground, detection, footprints, planes or models."),
+        typer.Argument(help="What to evaluate: ground, detection, footprints, planes or models."),
     ],
     result: Annotated[
         Path,
-        typer.Argument(help="The file to judge, by eaves or another."),
+        typer.Argument(help="File to evaluate, from eaves or any other program."),
     ],
-    reference: Annotated[Path, typer.Argument(help="What it is held against.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,
+    reference: Annotated[Path, typer.Argument(help="Reference to compare it with.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the JSON report, tables and maps.")
+    ] = None,
     footprints: Annotated[
-        Path | None, typer.Option(help="For models: the polygons whose points count; else the models' own.")
+        Path | None, typer.Option(help="For models: polygons whose points count; default: the models' own.")
     ] = None,
     lod: Annotated[
-        str | None, typer.Option(help="For models: 1.2, 1.3, 2.0, 2.2 or 2.3; else each building's finest.")
+        str | None,
+        typer.Option(help="For models: 1.2, 1.3, 2.0, 2.2 or 2.3; default: each building's finest."),
     ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -86,24 +90,27 @@ def evaluate(
 
 
 def view(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
-    browser: Annotated[bool, typer.Option(help="Open it, or only make it.")] = True,
-    again: Annotated[bool, typer.Option("--again", help="Make the page anew.")] = False,
-    around: Annotated[str | None, typer.Option(help="Of a large run, draw what is around this id.")] = None,
+    folder: Annotated[Path, typer.Argument(help="Folder of `eaves build`.", metavar="OUT")],
+    browser: Annotated[bool, typer.Option(help="Open the page in a browser, or only write it.")] = True,
+    again: Annotated[bool, typer.Option("--again", help="Regenerate the page.")] = False,
+    around: Annotated[
+        str | None, typer.Option(help="For large runs: draw the surroundings of this building id.")
+    ] = None,
     basemap: Basemap = None,
     beside: Annotated[
-        Path | None, typer.Option(help="Another run, side by side: both turn together.", metavar="OUT2")
+        Path | None,
+        typer.Option(help="Folder of another run, to show side by side with linked views.", metavar="OUT2"),
     ] = None,
     serve: Annotated[
-        bool, typer.Option("--serve", help="The 3D Tiles of a run of any size, until Ctrl-C.")
+        bool, typer.Option("--serve", help="Serve the 3D Tiles of a run of any size until Ctrl-C.")
     ] = False,
     port: Annotated[
-        int, typer.Option(help="With --serve, of this computer; 0: any free one.", min=0, max=65535)
+        int, typer.Option(help="With --serve: local port; 0: any free port.", min=0, max=65535)
     ] = 8017,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Open the 3D page of a run. It is made when missing; --serve shows runs of any size."""
+    """Open the 3D page of a run. It is generated if missing; --serve shows runs of any size."""
     from eaves.report.serve import make_site, serve_run
     from eaves.report.view import open_beside, open_report
 
@@ -124,35 +131,37 @@ def view(
 
 
 def export(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    folder: Annotated[Path, typer.Argument(help="Folder of `eaves build`.", metavar="OUT")],
     picture: Annotated[
-        str | None, typer.Option(help="A picture for print: plan, errors, section or models.")
+        str | None, typer.Option(help="Picture for print: plan, errors, section or models.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Of the picture: PNG, SVG or PDF; else OUT/<picture>.png."),
+        typer.Option("--out", "-o", help="Path of the picture: PNG, SVG or PDF; default: OUT/<picture>.png."),
     ] = None,
     reference: Annotated[
         Path | None, typer.Option(help="For errors: polygons, or the detection.tif of `eaves evaluate`.")
     ] = None,
     building: Annotated[str | None, typer.Option(help="For section: the building's id.")] = None,
     size: Annotated[float, typer.Option(help="Width of the picture (cm).", min=2, max=200)] = 18.0,
-    dpi: Annotated[int, typer.Option(help="Dots an inch.", min=30, max=1200)] = 300,
+    dpi: Annotated[
+        int, typer.Option(help="Resolution of the picture (dots per inch).", min=30, max=1200)
+    ] = 300,
     site: Annotated[
         Path | None,
-        typer.Option(help="The viewer of 3D Tiles as files for any web server.", metavar="FOLDER"),
+        typer.Option(help="Write a 3D Tiles viewer as static files for any web server.", metavar="FOLDER"),
     ] = None,
     basemap: Basemap = None,
     formats: Annotated[
-        str | None, typer.Option(help="Formats as those of `eaves build --formats`, into OUT.")
+        str | None, typer.Option(help="Formats to write to OUT, as for `eaves build --formats`.")
     ] = None,
     contours: Annotated[
-        float | None, typer.Option(help="Contours of the ground, one each so many metres, into OUT.")
+        float | None, typer.Option(help="Write contours of the ground to OUT, at this interval (m).")
     ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write the results of a run in other forms. Formats, pictures for print, a site.
+    """Export the results of a run: other formats, pictures for print, a web site.
 
     Examples:
 
@@ -188,23 +197,28 @@ def export(
 
 
 def solar(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    folder: Annotated[Path, typer.Argument(help="Folder of `eaves build`.", metavar="OUT")],
     weather: Annotated[
-        Path | None, typer.Option(help="EPW file of the light of a year by hours; else a clear sky.")
+        Path | None, typer.Option(help="EPW file with the hourly radiation of a year; default: a clear sky.")
     ] = None,
-    turbidity: Annotated[float, typer.Option(help="Of the clear sky (Linke): 2 to 7.", min=1, max=10)] = 3.0,
+    turbidity: Annotated[
+        float, typer.Option(help="Linke turbidity of the clear sky, usually 2 to 7.", min=1, max=10)
+    ] = 3.0,
     reach: Annotated[
-        float, typer.Option(help="Distance (m) up to which things cast shadows.", min=1, max=5000)
+        float, typer.Option(help="Distance (m) up to which objects cast shadows.", min=1, max=5000)
     ] = 300.0,
-    efficiency: Annotated[float, typer.Option(help="Of the modules.", min=0, max=1)] = 0.2,
+    efficiency: Annotated[float, typer.Option(help="Module efficiency.", min=0, max=1)] = 0.2,
     latitude: Annotated[
-        float | None, typer.Option(help="Degrees, where the data have no system.", min=-90, max=90)
+        float | None,
+        typer.Option(help="Latitude (degrees), if the data have no reference system.", min=-90, max=90),
     ] = None,
-    longitude: Annotated[float, typer.Option(help="Degrees, with --latitude.", min=-180, max=180)] = 0.0,
+    longitude: Annotated[
+        float, typer.Option(help="Longitude (degrees), with --latitude.", min=-180, max=180)
+    ] = 0.0,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Compute the sunlight on every roof face. By month, with shadows and panels, into OUT/solar.gpkg."""
+    """Compute the solar radiation on every roof face, by month. Writes OUT/solar.gpkg."""
     from eaves.cli.runs import progress_display
     from eaves.solar.folder import measure_solar
     from eaves.solar.roofs import SolarRules

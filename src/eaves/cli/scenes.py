@@ -15,28 +15,33 @@ def simulate(
     out: Out,
     area: Annotated[float, typer.Option(help="Area of the town (km²).", min=0.001)] = 0.09,
     buildings: Annotated[
-        int | None, typer.Option(help="Number of buildings; what the area holds by default.")
+        int | None, typer.Option(help="Number of buildings; default: as many as the area holds.")
     ] = None,
-    density: Annotated[float, typer.Option(help="Points a square metre.", min=0.1, max=100)] = 10.0,
-    noise: Annotated[float, typer.Option(help="Standard deviation of a range (m).", min=0)] = 0.02,
-    pattern: Annotated[str, typer.Option(help="lines, zigzag, ellipse or random (no scan angle).")] = "lines",
-    terrain: Annotated[str, typer.Option(help="flat, slope, hilly or terraced.")] = "flat",
-    style: Annotated[str, typer.Option(help="mixed, suburb or centre.")] = "mixed",
-    trees: Annotated[float, typer.Option(help="Times the trees of an ordinary town.", min=0, max=10)] = 1.0,
-    clutter: Annotated[bool, typer.Option(help="Vents, skylights, panels and balconies on roofs.")] = True,
-    seed: Annotated[int, typer.Option(help="Same seed, same bytes.", min=0)] = 0,
+    density: Annotated[float, typer.Option(help="Points per square metre.", min=0.1, max=100)] = 10.0,
+    noise: Annotated[float, typer.Option(help="Standard deviation of the ranges (m).", min=0)] = 0.02,
+    pattern: Annotated[
+        str, typer.Option(help="Scan pattern: lines, zigzag, ellipse or random (no scan angle).")
+    ] = "lines",
+    terrain: Annotated[str, typer.Option(help="Terrain: flat, slope, hilly or terraced.")] = "flat",
+    style: Annotated[str, typer.Option(help="Style of the town: mixed, suburb or centre.")] = "mixed",
+    trees: Annotated[
+        float, typer.Option(help="Number of trees, relative to an ordinary town.", min=0, max=10)
+    ] = 1.0,
+    clutter: Annotated[bool, typer.Option(help="Add vents, skylights, panels and balconies.")] = True,
+    seed: Annotated[int, typer.Option(help="Random seed; the same seed gives the same bytes.", min=0)] = 0,
     model: Annotated[
         Path | None, typer.Option(help="Scan the buildings of this CityJSON file instead.")
     ] = None,
     epochs: Annotated[
-        bool, typer.Option("--epochs", help="The town at two times, flown by two scanners: OUT/old, OUT/new.")
+        bool,
+        typer.Option("--epochs", help="Write the town at two epochs, from two scanners: OUT/old, OUT/new."),
     ] = False,
     changed: Annotated[
-        float, typer.Option(help="With --epochs: share of the buildings that change.", min=0, max=1)
+        float, typer.Option(help="With --epochs: fraction of the buildings that change.", min=0, max=1)
     ] = 0.25,
     new_density: Annotated[
         float | None,
-        typer.Option(help="With --epochs: points a square metre of the second.", min=0.1, max=100),
+        typer.Option(help="With --epochs: points per square metre of the second.", min=0.1, max=100),
     ] = None,
     crs: Crs = None,
     quiet: Quiet = False,
@@ -58,7 +63,7 @@ def simulate(
 
 
 def demo(out: Out = Path("demo-out"), quiet: Quiet = False, verbose: Verbose = False) -> None:
-    """Build a simulated town and compare it with its truth."""
+    """Build a simulated town and evaluate it against its truth."""
     from eaves.cli.demo import run_demo
 
     start_log(quiet, verbose)

@@ -21,7 +21,7 @@ def begin(quiet: bool, verbose: bool) -> None:
 
 
 def compare(
-    old: Annotated[Path, typer.Argument(help="What `eaves build` wrote for the first epoch, or its scan.")],
+    old: Annotated[Path, typer.Argument(help="Folder of `eaves build` for the first epoch, or its scan.")],
     new: Annotated[Path, typer.Argument(help="The same for the second epoch.")],
     out: Out,
     crs: Crs = None,
@@ -31,7 +31,7 @@ def compare(
 ) -> None:
     """Compare two epochs: built, demolished, raised, extended. Writes a layer, a table and a page.
 
-    Scans that were not built yet are built first, into OUT/old and OUT/new:
+    Scans are built first, into OUT/old and OUT/new:
 
       eaves compare run-2018 run-2024 -o changes
       eaves compare ahn3.laz ahn5.laz -o changes
@@ -47,22 +47,23 @@ def compare(
 
 
 def update(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
+    folder: Annotated[Path, typer.Argument(help="Folder of `eaves build --keep`.", metavar="OUT")],
     inputs: Annotated[
         list[str] | None, typer.Argument(help="New points: files, folders or globs.", metavar="[INPUTS...]")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="With new points: where to write.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="With new points: folder of the output.")
+    ] = None,
     edits: Annotated[
         Path | None,
-        typer.Option(
-            help="Polygons with a field verdict, and id where they are of a building; or a CSV of both."
-        ),
+        typer.Option(help="Polygons with a field verdict, and id for those of a building; or a CSV of both."),
     ] = None,
     date: Annotated[
-        str | None, typer.Option(help="Of the new scan, 2026-05-31; else the latest in the files' headers.")
+        str | None,
+        typer.Option(help="Date of the new scan (2026-05-31); default: the latest in the files' headers."),
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Write over edits and other results that -o holds.")
+        bool, typer.Option("--overwrite", help="Overwrite edits and other results in the output folder.")
     ] = False,
     jobs: Jobs = 0,
     quiet: Quiet = False,

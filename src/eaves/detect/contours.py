@@ -74,9 +74,16 @@ class Contours(SurfaceDetector):
     ground_method: ClassVar[str] = "contours"
 
     min_height: float = parameter(
-        MIN_HEIGHT_M, "Lower objects (cars) are removed.", unit="m", off=0.0, step="low objects go", ge=0.0
+        MIN_HEIGHT_M,
+        "Least height over the terrain: lower objects (cars) are removed.",
+        unit="m",
+        off=0.0,
+        step="low objects go",
+        ge=0.0,
     )
-    edge_height: float = parameter(1.5, "A Sobel height difference this large is an edge.", unit="m", gt=0.0)
+    edge_height: float = parameter(
+        1.5, "Sobel height difference from which a cell is an edge.", unit="m", gt=0.0
+    )
     min_edge: float = parameter(
         0.7,
         "Share of the rim of what lies between edges that must be edge.",
@@ -106,7 +113,7 @@ class Contours(SurfaceDetector):
         le=1.0,
     )
     regrow: float = parameter(
-        RIM_M, "How far the rim grows.", unit="m", off=0.0, step="final iteration", ge=0.0
+        RIM_M, "Distance by which the rim grows.", unit="m", off=0.0, step="final iteration", ge=0.0
     )
 
     def groups(self, scene: Scene, grid: SurfaceGrid, high: Mask, emit: Emit) -> tuple[Labels, Values]:

@@ -80,7 +80,7 @@ class HeightTexture(SurfaceDetector):
         1.0, "Narrowest building; the side of the opening.", unit="m", off=1e-3, step="opening", gt=0.0
     )
     min_area: float = parameter(
-        GROUP_M2, "Smaller components are no buildings.", unit="m²", off=0.0, step="size", ge=0.0
+        GROUP_M2, "Smallest area of a building component.", unit="m²", off=0.0, step="size", ge=0.0
     )
     max_low: float = parameter(
         0.2,

@@ -115,7 +115,7 @@ class NormalEcho(Detector):
         gt=0.0,
     )
     min_area: float = parameter(
-        GROUP_M2, "Smaller components are no buildings.", unit="m²", off=0.0, step="area", ge=0.0
+        GROUP_M2, "Smallest area of a building component.", unit="m²", off=0.0, step="area", ge=0.0
     )
     min_width: float = parameter(
         ROOM_M, "Components with a narrower side are hedges and walls.", unit="m", off=0.0, ge=0.0

@@ -297,7 +297,7 @@ class PlanarPatches(Detector):
 
 @dataclass(eq=False)
 class Planes:
-    """Which plane (1…K, 0 for none) owns each cell, and the planes' sums (K, 10)."""
+    """Number of the plane (1…K, 0 for none) that owns each cell, and the planes' sums (K, 10)."""
 
     plane: NDArray[np.int64]
     sums: Sums

@@ -132,7 +132,12 @@ class RoofAttributes(SurfaceDetector):
         le=1.0,
     )
     regrow: float = parameter(
-        RIM_M, "How far the rim grows.", unit="m", off=0.0, step="operator 3: reconstruction", ge=0.0
+        RIM_M,
+        "Distance by which the rim grows.",
+        unit="m",
+        off=0.0,
+        step="operator 3: reconstruction",
+        ge=0.0,
     )
 
     def usual_cell(self, spacing: float) -> float:
@@ -194,7 +199,7 @@ def roughness(surface: Values) -> Values:
 
 
 def count_like(normal: Values, mask: Mask, angle_deg: float) -> Values:
-    """How many of the eight neighbours in `mask` (H, W) have a normal within the angle (degrees), (H, W)."""
+    """Number (H, W) of the eight neighbours in `mask` (H, W) with a normal within the angle (degrees)."""
     rows, columns = mask.shape
     padded = np.pad(normal, ((1, 1), (1, 1), (0, 0)))
     there = np.pad(mask, 1)

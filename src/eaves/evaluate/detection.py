@@ -88,7 +88,7 @@ def label_objects(mask: Mask) -> Numbers:
     Parameters
     ----------
     mask : ndarray (H, W) of bool
-        Where buildings are.
+        True where buildings are.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def evaluate_detection(
     cell : float
         Side of a cell (m, > 0).
     known : ndarray (H, W) of bool or None
-        Where the truth is known: cells with points. By default everywhere.
+        True where the truth is known: cells with points. By default everywhere.
     smallest : float
         Objects under this area (m², ≥ 0) are left out.
 

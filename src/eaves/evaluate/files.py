@@ -44,7 +44,7 @@ def evaluate_files(
     lod: str | None = None,
     footprints: Path | None = None,
 ) -> Evaluation:
-    """How well a result agrees with a reference, by the field's measures.
+    """Agreement of a result with a reference, by the field's measures.
 
     Parameters
     ----------

@@ -166,7 +166,7 @@ def evaluate_footprints(
 
 
 def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[dict[str, int], float, float]:
-    """How many groups of each relation there are; mean IoU of their unions, RMS (m) of their outlines."""
+    """Number of groups of each relation; mean IoU of their unions, RMS (m) of their outlines."""
     two, one = _meeting(found, wanted)
     shared = shapely.area(shapely.intersection(found[one], wanted[two]))
     judged, true = (Objects(np.arange(len(shapes)), shapely.area(shapes)) for shapes in (found, wanted))

@@ -35,7 +35,7 @@ class GroundScore:
 
     @property
     def points(self) -> int:
-        """How many points were judged."""
+        """Number of points that were judged."""
         return self.ground_kept + self.ground_rejected + self.object_accepted + self.object_rejected
 
     @property
@@ -73,7 +73,7 @@ def evaluate_ground(result: Mask, reference: Mask) -> GroundScore:
     Parameters
     ----------
     result, reference : ndarray (N,) of bool
-        Which points are ground.
+        Masks of the ground points.
 
     Returns
     -------

@@ -49,7 +49,8 @@ def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Numb
 
 
 def match_points(result: Points, reference: Points) -> tuple[Mask, Numbers]:
-    """Which points of a reference (N, 3) a result (M, 3) holds, and the number (K,) of each of them."""
+    """Mask (N,) of the points of a reference (N, 3) in a result (M, 3), and the number (K,) of each in the
+    result."""
     if len(result) == 0 or len(reference) == 0:
         return np.zeros(len(reference), bool), np.zeros(0, np.int64)
     origin = reference.min(axis=0)

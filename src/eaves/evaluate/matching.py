@@ -1,4 +1,4 @@
-"""Which objects of a result and of a reference stand for each other: overlaps, and the relations they form.
+"""Matching of the objects of a result and of a reference: overlaps, and the relations they form.
 
 Objects are the labels of two arrays of one shape: cells of label images, or points. An object is found when
 at least half of it is covered by objects of the other set; covered by how many does not matter, so that
@@ -76,7 +76,7 @@ class Matching:
 
     @cached_property
     def together(self) -> Mask:
-        """Which overlaps (P,) make partners: those of half of either object or more."""
+        """Mask (P,) of the overlaps that make partners: those of half of either object or more."""
         return np.asarray(
             (self.shared >= HALF * self.result.area[self.result_number])
             | (self.shared >= HALF * self.reference.area[self.reference_number])
@@ -93,7 +93,7 @@ class Matching:
 
     @property
     def relations(self) -> dict[str, int]:
-        """How many groups are 1:1, 1:M (one reference, several results), N:1, N:M, 1:0 and 0:1."""
+        """Number of groups that are 1:1, 1:M (one reference, several results), N:1, N:M, 1:0 and 0:1."""
         result, reference = self.groups
         count = int(max(result.max(initial=-1), reference.max(initial=-1))) + 1
         sizes = zip(

@@ -143,7 +143,7 @@ def evaluate_models(
     reference : sequence of CityBuilding
         Reference models, for the errors of volume and height; they are matched by footprint.
     masked : bool
-        Whether hidden points are left out first; not when the points were laid on reference roofs.
+        True if hidden points are left out first; not when the points were laid on reference roofs.
 
     Returns
     -------

@@ -39,7 +39,7 @@ class Evaluation:
     shapes : tuple of Polygon or MultiPolygon
         The polygon of each row, where rows are places.
     map : ndarray (H, W) of uint8 or None
-        Where result and reference agree.
+        Map of where result and reference agree.
     grid : Raster or None
         Place of the map.
     system : CoordinateSystem

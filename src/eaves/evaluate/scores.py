@@ -21,7 +21,7 @@ def root_mean_square(values: Values) -> float:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How much of a reference was found and how much of a result is right [heipke1997].
+    """Completeness and correctness of a result against a reference [heipke1997].
 
     By area `found` and `correct` are equal; by objects they need not be, for one object may stand for
     several. A measure with nothing to divide by is NaN.

@@ -1,4 +1,4 @@
-"""What a model tells about its building: heights, areas, slopes, volume, fit, roof type."""
+"""Attributes of a building from its model: heights, areas, slopes, volume, fit, roof type."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def describe_roof(
 
 
 def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
-    """What the solids of a model's finest level say by themselves, with a record for each roof face."""
+    """Attributes from the solids of a model's finest level alone, with a record for each roof face."""
     solids = model.solids[model.lod]
     faces = FaceTable.of_solids(solids)
     surface = np.array([face.surface for solid in solids for face in solid.faces])
@@ -151,7 +151,7 @@ def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
 
 
 SIZES = ("volume_", "wall_area_", "roof_area_", "roof_projected_", "roof_face")
-"""What the names of attributes begin with that are sizes of the finest level's solids."""
+"""Prefixes of the names of attributes that are sizes of the finest level's solids."""
 
 
 def measure_again(model: BuildingModel) -> BuildingModel:

@@ -1,4 +1,4 @@
-"""What the roof faces say of a building: type, eaves, ridge, direction, slope, orientation, storeys."""
+"""Attributes from the roof faces: type, eaves, ridge, direction, slope, orientation, storeys."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ STOREY_M = 2.9
 """Height of a storey with its floor, from floor to floor (m), as dwellings in Europe have it."""
 
 LOWEST_STOREY_M = 2.2
-"""No storey is lower (m): the volume holds so many times the footprint, or there are fewer."""
+"""Least mean height (m) of a storey: the volume over the footprint holds no more storeys of it."""
 
 CODES = {"flat": "1000", "shed": "1010", "gable": "1030", "hip": "1040", "pyramid": "1070", "complex": "1130"}
 """The roof types in the code list of CityGML's `roofType` (SIG3D)."""
@@ -178,7 +178,7 @@ def roof_type(faces: list[Record]) -> str:
 
 
 def fills_rectangle(pitched: list[Record]) -> bool:
-    """Whether pitched faces fill the rectangle around them: two gables that cross have four sides, too."""
+    """True if pitched faces fill the rectangle around them: two gables that cross have four sides, too."""
     plans = [face["shape"].plan.buffer(0.0) for face in pitched if face.get("shape") is not None]
     if not plans:
         return True
@@ -187,7 +187,7 @@ def fills_rectangle(pitched: list[Record]) -> bool:
 
 
 def is_broken(pitched: list[Record]) -> bool:
-    """Whether the sides have several slopes."""
+    """True if the sides have several slopes."""
     slopes = [face["slope_deg"] for face in pitched]
     return bool(max(slopes) - min(slopes) > ONE_SLOPE_DEG)
 

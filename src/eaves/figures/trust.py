@@ -1,4 +1,4 @@
-"""How far a building can be trusted, and why not, in words."""
+"""Reliability of a building, and the reasons against it, in words."""
 
 from __future__ import annotations
 

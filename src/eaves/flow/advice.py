@@ -58,7 +58,7 @@ class ScanFacts:
     split_share : float
         Share of the pulses with several returns.
     intensity, pulses : bool
-        Whether intensities are stored; whether times, angles or numbers of strips are, as scanners write.
+        True if intensities are stored; if times, angles or numbers of strips are, as scanners write.
     classes : dict of str to int
         Points looked at by their class in the files.
     strips : int
@@ -104,11 +104,11 @@ class ScanFacts:
 
     @property
     def whole(self) -> bool:
-        """Whether all points were looked at."""
+        """True if all points were looked at."""
         return self.looked_at == self.points
 
     def remarks(self) -> list[str]:
-        """What the scan cannot show, or what may go wrong: a plain line each."""
+        """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
         found = [
             *self._of_returns(),
             *self._of_heights(),
@@ -253,7 +253,7 @@ def scan_facts(index: Index) -> ScanFacts:
 
 
 def _kind_of_returns(sample: Sample) -> str:
-    """Which returns of the pulses the scan has."""
+    """Description of the returns that the scan has of its pulses."""
     if not sample.of.any() or not sample.number.any():
         return NO_RETURNS
     if (sample.of <= 1).all():

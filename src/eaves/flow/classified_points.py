@@ -164,7 +164,7 @@ def columns_of(labels: Path, index: Index, number: int) -> dict[str, PointColumn
 
 
 def has_used(classes: PointColumn) -> bool:
-    """Whether a point of an input was used."""
+    """True if any point of an input was used."""
     pieces = (classes[first : first + PIECE] for first in range(0, len(classes), PIECE))
     return any((piece != UNCHANGED).any() for piece in pieces)
 

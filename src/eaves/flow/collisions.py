@@ -92,7 +92,7 @@ def identities(entry: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def is_same_place(one: str | Path, other: str | Path) -> bool:
-    """Whether two paths are one file or folder, also where names differ by case or lead through links."""
+    """True if two paths are one file or folder, also where names differ by case or lead through links."""
     try:
         return os.path.samefile(one, other)
     except OSError:  # one of them is not there yet

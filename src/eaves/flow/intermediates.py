@@ -32,7 +32,7 @@ COLUMNS, PANEL_INCHES, DOTS_AN_INCH = 4, 2.6, 110
 
 
 class StepMaps:
-    """What the methods of a block emit, each as a raster: its own, or on the cells of `grid`; of the `stages`
+    """Rasters of what the methods of a block emit: their own, or on the cells of `grid`; of the `stages`
     alone that are asked for."""
 
     def __init__(self, grid: Raster, stages: Collection[str]) -> None:

@@ -18,7 +18,7 @@ NUMBERS = "numbers.json"
 @dataclass(frozen=True)
 class Numbers:
     """Id → the number of a building, the number before its first plane, and how many planes that leaves it;
-    and the next free ones. Of buildings that are no more, too: no other takes one of these."""
+    and the next free ones. Numbers of removed buildings are never reused."""
 
     of: dict[str, tuple[int, int, int]]
     next: tuple[int, int]

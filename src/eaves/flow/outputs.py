@@ -271,7 +271,7 @@ def write_run(summary: Summary) -> None:
 
 
 def points_used(region: Region) -> int:
-    """How many points lie in the blocks of the region's core."""
+    """Number of points in the blocks of the region's core."""
     return sum(map(region.store.count_points, region.own_blocks))
 
 

@@ -70,7 +70,7 @@ class Core:
     loaded: Bounds | None = None
 
     def reaches(self, block: Block) -> bool:
-        """Whether all points the block is computed from were loaded."""
+        """True if all points the block is computed from were loaded."""
         return self.loaded is None or self.loaded.union(block.bounds) == self.loaded
 
 
@@ -112,7 +112,7 @@ class Region:
         return frozenset(self.store.blocks(self.run.side))
 
     def computes(self, step: Step, square: Block) -> bool:
-        """Whether a square is a unit of a step: a block is where it has points."""
+        """True if a square is a unit of a step; a block is one if it has points."""
         return step.side is not None or square in (self.with_points if step.isolated else self.used)
 
     def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
@@ -265,7 +265,7 @@ def read_part(
 
 
 def copies_records(run: Run) -> bool:
-    """Whether the inputs are kept decompressed for the classified points."""
+    """True if the inputs are kept decompressed for the classified points."""
     small = run.index.points <= COPIED_POINTS
     return "classified" in run.outputs and small and not (run.by_tiles or run.options["keep"])
 
@@ -383,8 +383,8 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
 
 
 def size_of(plan: OwnedBuildings, store: Store) -> float:
-    """How many points the buildings of an owner block have, or the area (m²) of given ones: a hall may take
-    longer than a street."""
+    """Number of points of an owner block's buildings, or the area (m²) of given ones: a hall may take longer
+    than a street."""
     given = [building.given for building in plan.buildings if building.given is not None]
     if given:
         return float(sum(footprint.polygon.area for footprint in given))
@@ -417,4 +417,4 @@ def warn_of_wrong_boxes(index: Index, wrong_boxes: Mapping[int, Bounds]) -> None
 
 
 def import_methods(recipe: Recipe) -> None:
-    """Do no work: a worker has imported all it needs once it knows this function and the methods."""
+    """No-op; unpickling it makes a worker import the methods."""

@@ -47,7 +47,7 @@ TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
 
 NAMED_SOURCES = 100
-"""So many point files are named in each output; of more the first are, and how many there are."""
+"""Maximum number of point files named in each output; of more the first are, and their number."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
 WORK, REMOTE = ".eaves-work", "remote"
@@ -91,7 +91,7 @@ class Run:
     """The origin of the models' coordinates, where an earlier run's lines are to stay."""
     started: float = 0.0
     remote: Mapping[str, Any] = field(default_factory=dict)
-    """What was read over the network (`formats.points.remote.Traffic`)."""
+    """Traffic over the network (`formats.points.remote.Traffic`)."""
 
     def with_options(self, **options: Unpack[RunOptions]) -> Self:
         """The run with some options in place of its own."""
@@ -104,12 +104,12 @@ class Run:
 
     @property
     def classified(self) -> Path | None:
-        """Where the points of the one input go, in a run that writes nothing else."""
+        """Path of the classified points of the one input, in a run that writes nothing else."""
         return self.options["classified"]
 
     @property
     def by_tiles(self) -> bool:
-        """Whether it is computed by tiles."""
+        """True if the run is computed by tiles."""
         return self.classified is None and (self.options["per_tile"] or self.index.points > TILES_ABOVE)
 
     @property
@@ -137,7 +137,7 @@ class Run:
 
     @property
     def work_folder(self) -> Path:
-        """Where the parts of the run are kept until it is complete."""
+        """Folder of the parts of the run until it is complete."""
         return self.folder / (WORK if self.classified is None else f"{WORK}-{self.classified.stem}")
 
 

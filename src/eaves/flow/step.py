@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """What a step takes of another one, or of the points.
+    """Input of a step: the results of another one, or the points.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ class Input:
     reach : str or None
         Parameter with the width (m) of the surroundings of a unit within which they are taken.
     rings : int
-        So many rings of blocks around a unit, where no reach is given.
+        Number of rings of blocks around a unit, where no reach is given.
     load : callable or None
         Reads a block's points from the store; None for those within the reach as one cloud.
     ids : bool
-        Whether points come with their ids.
+        True if points come with their ids.
     """
 
     source: Step | None = None
@@ -76,13 +76,13 @@ class Step:
     needs : str
         The step is left out where this attribute of the recipe is false.
     isolated : bool
-        Whether blocks with isolated points alone are units, too.
+        True if blocks with isolated points alone are units, too.
     earlier : callable or None
         `earlier(store, block)`: an earlier result of the same code and parameters, which `run` is given, too.
     booked : str
         The name under which its time is booked.
     shown : bool
-        Whether the progress shown is that of the step.
+        True if the progress shown is that of the step.
     """
 
     name: str

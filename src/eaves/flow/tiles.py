@@ -83,10 +83,10 @@ class TileTask:
     window: Window
     """Of the whole run."""
     ring: int = 1
-    """So many blocks around the tile can be computed with it."""
+    """Number of rings of blocks around the tile that can be computed with it."""
 
     def holds(self, block: Block) -> bool:
-        """Whether a block is one of the tile's."""
+        """True if a block is one of the tile's."""
         return tile_of(block) == self.tile
 
     @property
@@ -164,8 +164,8 @@ def loaded_with(tile: Block, ring: int, reach: float) -> Bounds:
 
 
 def inputs_near(loaded: Bounds, run: Run, index: Index) -> Mask:
-    """Which inputs (F,) may hold points that a tile is computed from: the ground is found in squares, from
-    farther away."""
+    """Mask (F,) of the inputs that may hold points that a tile is computed from: the ground is found in
+    squares, from farther away."""
     return index.meeting(seen_from(loaded, run.recipe, run.side).buffered(BOX_TOLERANCE))
 
 
@@ -182,7 +182,7 @@ def known_tile(task: TileTask) -> TileDone | None:
 
 
 def is_whole(place: Path) -> bool:
-    """Whether an earlier run wrote a tile and every file is as it was; one that is not is named."""
+    """True if an earlier run wrote a tile and every file is unchanged; warns of one that is not."""
     if not (place / MANIFEST).exists():
         return False
     try:
@@ -294,6 +294,6 @@ def rows_of_no_tile(run: Run, tiles: set[Block]) -> list[BuildingRow]:
 
 
 def differs(tile: Block, run: Run, old: Index, new: Index) -> bool:
-    """Whether a tile meets other inputs when boxes are corrected."""
+    """True if a tile meets other inputs when boxes are corrected."""
     loaded = loaded_with(tile, 1, run.recipe.buffer)
     return bool((inputs_near(loaded, run, new) & ~inputs_near(loaded, run, old)).any())

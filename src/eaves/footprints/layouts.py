@@ -259,7 +259,7 @@ class Reader:
         return stated.zfill(self.layout.id_width or 0) if stated.isdigit() else stated
 
     def is_current_building(self, row: Attributes) -> bool:
-        """Whether the polygon is a building, in a version that still holds."""
+        """True if the polygon is a building, in a version that is still valid."""
         kinds = [name for name in self.layout.kind if name in self.columns]
         if kinds and not self.value(row, kinds):
             return False

@@ -16,7 +16,7 @@ from eaves.model import Footprint
 from eaves.outline.toolkit.shared_edges import welded_outlines
 
 OVERHANG_M = 3.0
-"""A party wall is carried on past its ends by this much, across the overhang to the eaves."""
+"""Distance by which a party wall is extended past its ends, across the overhang to the eaves."""
 HELD_M = 1.0
 """A block holds an address when a disc of this radius fits into what they share …"""
 NARROW_M = 0.5

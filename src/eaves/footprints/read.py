@@ -40,8 +40,8 @@ def read_area(path: Path, system: CoordinateSystem) -> BaseGeometry:
 
 
 def area_of(boxes: NDArray[np.float64], bounds: Bounds | None, clip: BaseGeometry | None) -> BaseGeometry:
-    """Where footprints are used: the rectangle around the boxes (F, 4) of all files that have points, within
-    `bounds` and `clip`.
+    """Area in which footprints are used: the rectangle around the boxes (F, 4) of all files that have points,
+    within `bounds` and `clip`.
 
     Not the union of the boxes: between those of neighbouring files are gaps of a point spacing, which would
     cut the footprints that cross them.
@@ -204,12 +204,12 @@ ADDRESS_COLUMNS: tuple[tuple[str, ...], ...] = (
 """Columns of the BAG's addressable objects: the building's id, street, number, letter, addition, postcode,
 town."""
 ADDRESSES_SHOWN = 3
-"""A building of more addresses lists so many, and how many more there are."""
+"""Maximum number of addresses listed for a building; of more, their number is given."""
 
 
 def address_columns(columns: Sequence[str]) -> list[str | None]:
-    """Which columns of a layer are those of `ADDRESS_COLUMNS`; none where there is no building's id, street
-    or number."""
+    """Columns of a layer that are those of `ADDRESS_COLUMNS`; none without a building's id, street or
+    number."""
     there = {column.lower(): column for column in columns}
     found = [next((there[name] for name in names if name in there), None) for names in ADDRESS_COLUMNS]
     return found if None not in found[:3] else []

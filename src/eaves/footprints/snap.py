@@ -100,7 +100,7 @@ def edge_shifts(
     points: Points,
     spacing: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """How far (E,) each edge lies from the points' end, its inward normal (E, 2) and its length (E,).
+    """Distance (E,) of each edge from the end of the points, its inward normal (E, 2) and its length (E,).
 
     NaN where the edge is short, has no points behind it, or the points go on before it (a building that the
     map does not know).
@@ -144,7 +144,7 @@ def vertex_moves(
     normal: NDArray[np.float64],
     length: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """How far (count, 2) each vertex goes to take its edges by `shift` (E,) along their normals."""
+    """Displacement (count, 2) of each vertex that moves its edges by `shift` (E,) along their normals."""
     known = np.isfinite(shift)
     step = np.where(known, shift, 0.0)
     matrix = np.tile(STIFFNESS * np.eye(2), (count, 1, 1))

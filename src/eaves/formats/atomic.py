@@ -72,7 +72,7 @@ class DiskFullError(OSError):
 
 
 def is_full(error: BaseException | None) -> bool:
-    """Whether an error, or the one that caused it, means that the disk is full."""
+    """True if an error, or the one that caused it, means that the disk is full."""
     while error is not None:
         if isinstance(error, DiskFullError) or getattr(error, "errno", None) in NUMBERS:
             return True

@@ -1,4 +1,4 @@
-"""Whether the numbers of a file can be what its system says, and what heights are measured from."""
+"""Check of a file's numbers against its reference system, and what heights are measured from."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ log = logging.getLogger("eaves")
 SAME_PLACE = 1.0
 """Two systems are one where they put the data within this distance (m)."""
 BESIDE_DEG = 1.5
-"""Surveys go on so far (degrees) beyond the area a system is made for."""
+"""Distance (degrees) by which surveys extend beyond the area a system is made for."""
 FOOT = 0.3048
 FORCE = "or, if it is meant, say so with --crs-force"
 
@@ -58,7 +58,7 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
 
 
 def same_heights(one: pyproj.CRS, other: pyproj.CRS) -> bool:
-    """Whether two systems measure heights alike, or one of them does not say how."""
+    """True if two systems measure heights alike, or one of them does not say how."""
     upright = [crs.sub_crs_list[-1] for crs in (one, other) if crs.is_compound]
     return len(upright) < 2 or upright[0].equals(upright[1]) or upright[0].name == upright[1].name
 
@@ -114,7 +114,7 @@ class Area:
     to_degrees: pyproj.Transformer
 
     def holds_degrees(self, longitude: float, latitude: float) -> bool:
-        """Whether a place is in the area or beside it."""
+        """True if a longitude and latitude (degrees) are in the area or beside it."""
         west, south, east, north = self.sides
         across = any(
             west - BESIDE_DEG <= longitude + turn <= east + BESIDE_DEG for turn in (0.0, 360.0, -360.0)
@@ -122,7 +122,7 @@ class Area:
         return across and south - BESIDE_DEG <= latitude <= north + BESIDE_DEG
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a place, in the system's units, is in the area or beside it."""
+        """True if a place, in the system's units, is in the area or beside it."""
         longitude, latitude = self.to_degrees.transform(x, y)
         return bool(np.isfinite([longitude, latitude]).all()) and self.holds_degrees(longitude, latitude)
 
@@ -165,7 +165,7 @@ def vertical_datum(system: CoordinateSystem) -> dict[str, str | None]:
 
 
 def geoid_is_missing(crs: pyproj.CRS) -> bool:
-    """Whether PROJ here can bring heights of a compound system above the ellipsoid only as they are."""
+    """True if PROJ here lacks the geoid grid to convert heights of a compound system to ellipsoidal ones."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Best transformation is not available")
         group = TransformerGroup(crs, pyproj.CRS.from_epsg(4979), always_xy=True)

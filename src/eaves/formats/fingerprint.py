@@ -1,4 +1,4 @@
-"""Whether a file is unchanged, without reading all of it."""
+"""Fingerprint that tells if a file is unchanged, without reading all of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which point files are meant by files, folders and globs."""
+"""Point files that files, folders and globs stand for."""
 
 from __future__ import annotations
 

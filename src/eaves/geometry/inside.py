@@ -1,4 +1,4 @@
-"""Which points lie inside which polygons, exactly."""
+"""Exact tests for points inside polygons."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROUNDING = 1e-15
 def edges_of(
     polygons: NDArray[np.object_],
 ) -> tuple[Values, Values, Integers]:
-    """Where the edges of polygons start and end (E, 2), (E, 2), and the polygon of each (E,), ascending."""
+    """Start and end of the edges of polygons (E, 2), (E, 2), and the polygon of each (E,), ascending."""
     rings, owner = shapely.get_rings(polygons, return_index=True)
     places, ring = shapely.get_coordinates(rings, return_index=True)
     goes_on = ring[:-1] == ring[1:]
@@ -116,7 +116,7 @@ def inside_kernel(
 
 
 def is_inside(x: float, y: float, start: Values, end: Values) -> bool:
-    """Whether a place is inside a polygon with edges from `start` to `end` (E, 2), or on its border, in exact
+    """True if a place is inside a polygon with edges from `start` to `end` (E, 2), or on its border, in exact
     arithmetic.
     """
     px, py = Fraction(float(x)), Fraction(float(y))

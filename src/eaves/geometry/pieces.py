@@ -34,7 +34,7 @@ def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> li
 
 
 def loose_pieces(pieces: Sequence[Polygon], own: Sequence[int]) -> list[int]:
-    """Which of the pieces numbered `own` are not in the largest part of their union."""
+    """Those of the pieces numbered `own` that are not in the largest part of their union."""
     parts = polygon_parts(shapely.union_all([pieces[k] for k in own], grid_size=COORDINATE_STEP))
     if len(parts) < 2:
         return []

@@ -38,7 +38,7 @@ def area_vector(ring: Values) -> Values:
 def ring_edges(
     rings: Sequence[Sequence[int]],
 ) -> tuple[Integers, Integers, Integers]:
-    """Where the edges of closed rings of vertex numbers start and end (E,), (E,), and their rings (E,)."""
+    """Start and end of the edges of closed rings of vertex numbers (E,), (E,), and their rings (E,)."""
     size = np.array([len(ring) for ring in rings], np.int64)
     start = np.fromiter(chain.from_iterable(rings), np.int64, int(size.sum()))
     return start, start[following_places(size)], np.repeat(np.arange(len(size)), size)

@@ -1,4 +1,4 @@
-"""How far roof points lie from the roof faces of a model: the definition all figures of fit share."""
+"""Distance of roof points from the roof faces of a model: the definition all figures of fit share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NEAR = 0.3
 """Radius in plan (m) within which a higher building point hides a point."""
 
 DROP = 0.6
-"""How much higher (m) a point must be to hide another: walls, balconies and under-eaves drop out."""
+"""Height (m) from which a point above another hides it: walls, balconies and under-eaves drop out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,8 @@ class RoofFit:
 
 
 def roof_point_mask(xyz: Points) -> Mask:
-    """Which building points (N, 3) are roof points: no other lies more than `DROP` above them within `NEAR`.
+    """Mask (N,) of the building points (N, 3) that are roof points: none lies over `DROP` above within
+    `NEAR`.
 
     The mask depends on the cloud alone, so it is the same for every model compared.
     """

@@ -18,7 +18,7 @@ OUTSIDE = -1
 CURVE_BITS, CURVE_SIDE = 4, 16
 """Levels of the Hilbert curve that are looked up at once, and cells along a side of them."""
 PLACE_BITS = 31
-"""Points are numbered in so many bits; with their position on the Hilbert curve they make 63."""
+"""Bits of the numbers of points; with those of their position on the Hilbert curve they make 63."""
 CLOSE_BITS = 30
 """Squared distances under 2 to this power of quanta (3.2 m) leave the in-circle determinant in 62 bits."""
 NEAR_BITS = 39
@@ -184,7 +184,7 @@ def orientation(whole: NDArray[np.int64], a: int, b: int, x: int, y: int) -> Any
 
 @inlined_kernel
 def in_circle(whole: NDArray[np.int64], a: int, b: int, c: int, p: int) -> Any:
-    """Whether p lies strictly inside the circle through a, b, c (counter-clockwise); exact up to 50 km."""
+    """True if p lies strictly inside the circle through a, b, c (counter-clockwise); exact up to 50 km."""
     x, y = whole[p, 0], whole[p, 1]
     ax, ay = whole[a, 0] - x, whole[a, 1] - y
     bx, by = whole[b, 0] - x, whole[b, 1] - y
@@ -205,7 +205,7 @@ def in_circle(whole: NDArray[np.int64], a: int, b: int, c: int, p: int) -> Any:
 
 @kernel
 def sum_is_positive(la: int, lb: int, lc: int, ma: int, mb: int, mc: int) -> bool:
-    """Whether la ma + lb mb + lc mc > 0, for factors under 2^61."""
+    """True if la ma + lb mb + lc mc > 0, for factors under 2^61."""
     # in three limbs of 31 bits, each product and sum within 64 bits
     limb, mask = 31, (1 << 31) - 1
     high = (la >> limb) * (ma >> limb) + (lb >> limb) * (mb >> limb) + (lc >> limb) * (mc >> limb)
@@ -278,7 +278,7 @@ def walk(whole: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x
 
 @inlined_kernel
 def conflicts(whole: NDArray[np.int64], vertices: Ids, triangle: int, p: int) -> Any:
-    """Whether inserting p destroys the triangle."""
+    """True if inserting p destroys the triangle."""
     a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
     if a != OUTSIDE and b != OUTSIDE and c != OUTSIDE:
         return in_circle(whole, a, b, c, p)

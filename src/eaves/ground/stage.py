@@ -19,7 +19,7 @@ from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCL
 
 
 class GroundMethod(Method):
-    """What a ground filter must do.
+    """Interface of a ground filter.
 
     `ground_mask` gets a cloud without noise, in canonical order, about the origin of its block, with or
     without returns, and returns a mask (N,). It must accept 0, 1, 2, collinear and duplicate points.
@@ -34,7 +34,7 @@ class GroundMethod(Method):
     stage: ClassVar[str] = "ground"
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
-        """Whether each point is ground; see the class."""
+        """Mask (N,) of the points that are ground; see the class."""
         raise NotImplementedError
 
     def separate(
@@ -53,13 +53,13 @@ class GroundMethod(Method):
 
     @property
     def wide_buffer(self) -> float:
-        """How far away (m) a point can be and still change what `find_wide_objects` finds here; 0 where it
+        """Largest distance (m) at which a point still changes what `find_wide_objects` finds here; 0 where it
         finds nothing. A tiler adds the side of its squares.
         """
         return 0.0
 
     def find_wide_objects(self, floor: Floor) -> Patch | None:
-        """What the method takes away before its filter sees a point, whatever its width; None for nothing.
+        """Objects of any width that the method removes before its filter sees a point; None for nothing.
 
         `floor` may be that of a far wider surrounding than `buffer`.
         """
@@ -152,7 +152,7 @@ def classify_ground(
 
 @kernel
 def finite_kernel(xyz: Points) -> Mask:
-    """Which points (N, 3) have coordinates."""
+    """Mask (N,) of the points (N, 3) that have coordinates."""
     finite = np.empty(len(xyz), np.bool_)
     for i in range(len(xyz)):
         finite[i] = np.isfinite(xyz[i, 0]) and np.isfinite(xyz[i, 1]) and np.isfinite(xyz[i, 2])

@@ -60,12 +60,12 @@ class Bounds:
         return Bounds(self.west + east, self.south + north, self.east + east, self.north + north)
 
     def contains(self, xyz: Points) -> Mask:
-        """Which points of `xyz` (N, 2 or 3) lie inside, as a mask (N,)."""
+        """Mask (N,) of the points of `xyz` (N, 2 or 3) that lie inside."""
         x, y = xyz[:, 0], xyz[:, 1]
         return (x >= self.west) & (x < self.east) & (y >= self.south) & (y < self.north)
 
     def intersects(self, other: Bounds) -> bool:
-        """Whether the two rectangles share more than a border."""
+        """True if the two rectangles share more than a border."""
         return (
             self.west < other.east
             and other.west < self.east

@@ -40,7 +40,7 @@ class Boundary:
     not_last : ndarray (K, 3) or None
         Those of the points whose pulses have a later return; None where the scan does not say.
     ground : ndarray (K, 2) or None
-        Where ground was seen around them; None where that is not known.
+        Ground points seen around them; None where that is not known.
     others : ndarray (K, 3) or None
         Points around them that are high and no building's.
     origin : (float, float)
@@ -269,7 +269,7 @@ class BuildingModel:
     attributes : dict
         Heights, areas, volume, method and what else describes the building.
     installations : tuple of Installation
-        What stands on the roof and is too small for the solids.
+        Objects on the roof that are too small for the solids.
 
     Examples
     --------

@@ -21,7 +21,7 @@ NOISE_CLASSES = (LOW_NOISE, HIGH_NOISE)
 """Class codes of LAS 1.4, table 17."""
 
 ARRAYS = ("return_number", "number_of_returns", "classification", "part", "point_id")
-"""What a cloud may know of its points besides their places."""
+"""Attributes of points that a cloud may have besides coordinates."""
 GRID_STEP = 1e-4
 """Local coordinates are whole multiples of this (m), so data moved by whole blocks compute identically."""
 
@@ -47,7 +47,7 @@ class PointCloud:
     system : CoordinateSystem
         Reference system of the world coordinates.
     ordered : bool
-        Whether the points are known to be in canonical order.
+        True if the points are known to be in canonical order.
 
     Raises
     ------
@@ -91,14 +91,14 @@ class PointCloud:
 
     @property
     def ground(self) -> Mask:
-        """Which points are ground (class 2)."""
+        """Mask (N,) of the ground points (class 2)."""
         if self.classification is None:
             raise ValueError("the cloud has no classes; call classify_ground(cloud) first")
         return np.asarray(self.classification == GROUND)
 
     @property
     def noise(self) -> Mask:
-        """Which points are noise (classes 7 and 18); none where there are no classes."""
+        """Mask (N,) of the noise points (classes 7 and 18); none where there are no classes."""
         if self.classification is None:
             return np.zeros(len(self), bool)
         low, high = NOISE_CLASSES
@@ -106,7 +106,7 @@ class PointCloud:
 
     @property
     def has_returns(self) -> bool:
-        """Whether the scanner recorded several returns of a pulse."""
+        """True if the scanner recorded several returns of a pulse."""
         return self.number_of_returns is not None and bool(np.any(self.number_of_returns > 1))
 
     def _repr_png_(self) -> bytes:

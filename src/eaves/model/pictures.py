@@ -34,7 +34,7 @@ SURFACE_COLOURS = {
     "GroundSurface": (141, 134, 125),
 }
 LIGHT = np.array([-0.45, -0.6, 0.66])
-"""Where light comes from in a picture of a solid: from before, left and above."""
+"""Direction of the light in a picture of a solid: from before, left and above."""
 TURN, LEAN = np.radians(-30.0), np.radians(35.0)
 """From where a solid is seen: degrees clockwise from the south, and over the horizon."""
 

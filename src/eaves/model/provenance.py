@@ -19,7 +19,7 @@ class Provenance:
     sources : tuple of str
         Names of the point files, in their order; of very many the first.
     count : int
-        How many point files there are.
+        Number of point files.
     datum : str or None
         Name of the vertical datum, where it is known.
     datum_status : str

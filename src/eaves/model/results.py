@@ -40,7 +40,7 @@ class BlockResult:
     """Places in the block, world metres, that the scan does not decide."""
     seconds: dict[str, float] = field(default_factory=dict)
     keeps_low: bool = False
-    """Whether buildings are to know what lies below and around them: walls, ground."""
+    """True if buildings need the points below and around them: walls, ground."""
 
     @property
     def extent(self) -> Bounds:
@@ -69,7 +69,7 @@ class BuildingPoints:
     ground_nearest: Points | None = None
     """The ground (K, 3) nearest to a given footprint where none was seen beside it."""
     ground_beside: bool | None = None
-    """Whether ground was seen beside a given footprint; None where that was not looked at."""
+    """True if ground was seen beside a given footprint; None where that was not looked at."""
     not_last: NDArray[np.bool_] | None = None
     """Points whose pulses came back once more from below."""
     others: Points | None = None
@@ -84,7 +84,7 @@ class BuildingPoints:
 
     @property
     def roof_not_last(self) -> NDArray[np.bool_] | None:
-        """Which of `roof_points` (M,) came back once more from below; None where it is not known."""
+        """Mask (M,) of the `roof_points` that are not the last return of a pulse; None where not known."""
         return None if self.not_last is None else np.asarray(self.not_last[self.part != WALL])
 
     @property

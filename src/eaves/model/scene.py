@@ -138,7 +138,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Which building each point belongs to.
+    """Label of the building that each point belongs to.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class Regions:
 
     @property
     def count(self) -> int:
-        """How many regions there are."""
+        """Number of regions."""
         return int(self.label.max(initial=0))
 
     def mask_of(self, number: int) -> Mask:

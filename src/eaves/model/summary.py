@@ -45,7 +45,7 @@ class Summary:
     Parameters
     ----------
     folder : Path
-        Where the outputs are.
+        Folder of the outputs.
     points, found, modelled : int
         Numbers of points of the inputs, of buildings, and of buildings with a model.
     by_lod, failures, fallbacks : dict of str to int
@@ -93,7 +93,7 @@ class Summary:
 
     @property
     def complete(self) -> bool:
-        """Whether every block was computed and every file written."""
+        """True if every block was computed and every file written."""
         return not self.failed
 
     def checked(self, allow_failures: bool = False) -> Self:
@@ -111,7 +111,7 @@ class Summary:
         )
 
     def profile(self) -> str:
-        """Where the time went, as a table: processor time by stage, and time on the clock by step."""
+        """Table of where the time went: processor time by stage, and time on the clock by step."""
         total = sum(self.seconds.values()) or 1.0
         rows = [
             f"{name:<22}{cpu:>8.2f} s {100 * cpu / total:>5.1f} %"
@@ -155,7 +155,7 @@ class Summary:
         return "\n".join([*self._doubts(), *([units] if units else []), self._last_line()])
 
     def _doubts(self) -> list[str]:
-        """How many places the scan left undecided, and which file lists them; empty where there are none."""
+        """Number of places the scan left undecided, and the file that lists them; empty for none."""
         doubts = self.run.get("doubts") or {}
         if not doubts.get("count"):
             return []

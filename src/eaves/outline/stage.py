@@ -76,7 +76,7 @@ def trace_outline(
         The points whose pulses have a later return, where the scan says so: they show the width of the beam,
         which places points beyond an edge.
     ground : ndarray (K, 2) of float64 or None
-        Where ground was seen around the points; None when that is not known.
+        Ground points seen around the points; None when that is not known.
     others : ndarray (K, 3) of float64 or None
         Points around them that are high and no building's: trees. Where they stand over the boundary, and no
         ground was seen beside it, it says less about where the building ends.

@@ -1,4 +1,4 @@
-"""Which of some cells is nearest to each of many others, and which of these are near one."""
+"""Nearest of some cells to each of many others, and those of these that are near one."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def closed_by_square(mask: Mask, size: int) -> Mask:
 
 
 def any_near(mask: Mask, first: int, last: int) -> Mask:
-    """Whether a cell of a mask is set from `first` to `last` rows, and columns, away from each (H, W)."""
+    """Mask (H, W) of the cells that have a set cell of a mask `first` to `last` rows, and columns, away."""
     for axis in (0, 1):
         found = np.zeros(mask.shape, bool)
         line, there = np.moveaxis(found, axis, 0), np.moveaxis(mask, axis, 0)

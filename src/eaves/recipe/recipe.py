@@ -1,4 +1,4 @@
-"""Which methods a run uses, with their parameters."""
+"""Methods of a run, with their parameters."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Recipe:
     lod : str
         The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0`, `2.2` or `2.3`.
     ground_classes : tuple of int
-        What the files' classes of the ground are, with `use_classes`.
+        The files' classes of the ground, with `use_classes`.
     vegetation : VegetationRules or None
         How low, medium and high vegetation (3, 4, 5) is distinguished from the rest; None leaves it
         unclassified.
@@ -97,7 +97,7 @@ class Recipe:
 
     @property
     def sees_wide(self) -> bool:
-        """Whether more than a block's buffer is looked at to find what is wider."""
+        """True if points beyond a block's buffer are looked at to find wider objects."""
         return self.ground.wide_buffer > 0.0 and not self.use_classes
 
     @property
@@ -107,23 +107,22 @@ class Recipe:
 
     @property
     def sees_decks(self) -> bool:
-        """Whether decks of bridges are looked for."""
+        """True if decks of bridges are looked for."""
         return self.sees_wide and self.marks_others
 
     @property
     def marks_vegetation(self) -> bool:
-        """Whether vegetation is distinguished from the rest: where buildings are looked for, and classes not
-        given."""
+        """True if vegetation is distinguished from the rest: buildings are looked for, classes not given."""
         return self.vegetation is not None and self.detect is not None and not self.use_classes
 
     @property
     def marks_others(self) -> bool:
-        """Whether water, wires and decks of bridges are distinguished from the rest."""
+        """True if water, wires and decks of bridges are distinguished from the rest."""
         return self.others and self.marks_vegetation
 
     @property
     def keeps_low(self) -> bool:
-        """Whether buildings are to know what lies below and around them: walls, ground."""
+        """True if buildings need the points below and around them: walls, ground."""
         return self.lod == OVERHANGS
 
     @property
@@ -251,7 +250,7 @@ def _check_given(
 
 
 def _with(classes: Sequence[int] | None, some: tuple[int, ...]) -> bool:
-    """Whether the classes to write, checked, hold some."""
+    """True if the classes to write, once checked, include all of `some`."""
     if classes is None:
         return True
     sets = [{GROUND, BUILDING}, {GROUND, *VEGETATION, BUILDING}, {GROUND, *VEGETATION, BUILDING, *OTHERS}]
@@ -269,7 +268,7 @@ def _name_of(choice: MethodChoice) -> object:
 
 
 def is_named(choice: MethodChoice) -> bool:
-    """Whether a choice names its method.
+    """True if a choice names its method.
 
     Parameters
     ----------

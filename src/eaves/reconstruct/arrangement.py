@@ -89,7 +89,7 @@ class Arrangement(ObjectLimits):
 
     farthest: float = parameter(
         5.0,
-        "How near a cell must be to the rectangle around a plane's points to get that plane.",
+        "Largest distance from the rectangle around a plane's points of a cell that can get that plane.",
         unit="m",
         ge=0.0,
     )

@@ -52,7 +52,7 @@ class OverhangRules:
 
     @property
     def beside(self) -> float:
-        """How far (m) the middle of a strip is from the far side of the next: walls are looked for so far
+        """Distance (m) of the middle of a strip from the far side of the next: walls are looked for so far
         outside an edge, too, for outlines and wall points are both uncertain."""
         return 1.5 * self.window
 
@@ -79,7 +79,7 @@ class Overhang:
     kind : str
         `seen`, `open` or `unknown`.
     width : float or None
-        How far (m) the roof reaches beyond the wall; None where no wall is seen.
+        Distance (m) by which the roof reaches beyond the wall; None where no wall is seen.
     certainty : float
         Of the kind, 0 to 1.
     points : int
@@ -211,13 +211,13 @@ def find_walls(
 def ends_of(
     start: NDArray[np.float64], end: NDArray[np.float64], edge: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where an edge of those from `start` to `end` (E, 2) starts and ends."""
+    """Start and end of an edge of those from `start` to `end` (E, 2)."""
     (x, y), (u, v) = start[edge].tolist(), end[edge].tolist()
     return (x, y), (u, v)
 
 
 def edges_inward(outline: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the edges of an outline start and end (E, 2), the inside to their left, ring by ring."""
+    """Start and end (E, 2) of the edges of an outline, the inside to their left, ring by ring."""
     starts, ends = [], []
     for ring in [outline.exterior, *outline.interiors]:
         places = shapely.get_coordinates(ring)
@@ -229,8 +229,8 @@ def edges_inward(outline: Polygon) -> tuple[NDArray[np.float64], NDArray[np.floa
 def depth_below(
     solids: tuple[Solid, ...], outline: Polygon, points: Points, rules: OverhangRules
 ) -> tuple[Values, Mask]:
-    """How far (m) points (N, 3) lie below the roof over or beside them, and which clearly lie below its
-    underside.
+    """Depth (N,; m) of points (N, 3) below the roof over or beside them, and mask (N,) of those clearly below
+    the underside of the roof.
     """
     if len(points) == 0:
         return np.zeros(0), np.zeros(0, bool)
@@ -249,7 +249,7 @@ def depth_below(
 def edge_frames(
     start: NDArray[np.float64], end: NDArray[np.float64], points: Points
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Values]:
-    """How far (E, N; m) points (N, 3) lie along and to the left of edges (E, 2), and the edges' lengths."""
+    """Distance (E, N; m) of points (N, 3) along and to the left of edges (E, 2), and the edges' lengths."""
     step = end - start
     length = np.hypot(step[:, 0], step[:, 1])
     ways = step / length[:, None]
@@ -409,7 +409,7 @@ def number_walls(solid: Solid, edges: list[Overhang], first: int, base: float) -
 
 
 def stands_free(edges: list[Overhang]) -> bool:
-    """Whether a roof has open sides and no wall at all."""
+    """True if a roof has open sides and no wall at all."""
     kinds = {edge.kind for edge in edges}
     return OPEN in kinds and WALL not in kinds
 

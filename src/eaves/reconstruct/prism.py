@@ -52,7 +52,7 @@ class Prism(Reconstructor):
 
     percentile: float = parameter(
         PRISM_PERCENTILE,
-        "Percentile of the roof points' heights the roof is put at.",
+        "Percentile of the roof points' heights at which the roof is put.",
         unit="percent",
         symbol="p",
         ge=0.0,

@@ -98,9 +98,9 @@ def read_basemap(path: str | Path, system: CoordinateSystem, bounds: Bounds) -> 
 def fit_web_mercator(
     system: CoordinateSystem, origin: tuple[float, float], reach: float
 ) -> list[list[float]] | None:
-    """Where a place lies on the square of web mercator (0 to 1 from the west, and from the north): the
-    coefficients of 1, x, y, x², xy, y² of each, x and y being metres about `origin` up to `reach`. None
-    where the reference system has no place on Earth."""
+    """Polynomials that place a point on the square of web mercator (0 to 1 from the west, and from the
+    north): the coefficients of 1, x, y, x², xy, y² of each, x and y being metres about `origin` up to
+    `reach`. None where the reference system has no place on Earth."""
     crs = horizontal_crs(system)
     if crs is None:
         return None

@@ -89,7 +89,8 @@ def iter_change_page(comparison: Comparison, folder: Path) -> Iterator[str]:
 
 
 def worst_first(changes: tuple[BuildingChange, ...]) -> list[BuildingChange]:
-    """What changed first, by volume; then the others, those nearest to the changes' middle first."""
+    """Buildings in order: the changed ones by volume; then the others by distance from the changes'
+    middle."""
     if not changes:
         return []
     centres = shapely.get_coordinates(shapely.centroid([one.polygon for one in changes]))

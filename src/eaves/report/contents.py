@@ -46,7 +46,7 @@ FARTHEST = 2_000_000.0
 TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
 ROOFS_AT_ONCE = 400
-"""The points are held against so many roof faces at a time, which takes some 20 MB."""
+"""Number of roof faces that points are compared with at a time, which takes some 20 MB."""
 EDGE = 0.01
 """Points on the rim of the terrain (m) belong to it, however they were rounded."""
 MARGIN = 30.0
@@ -73,7 +73,7 @@ class Contents:
     distance: Values
     terrain: Raster
     buildings: int
-    """How many the run found, shown or not."""
+    """Number of buildings that the run found, shown or not."""
     run: dict[str, Any] = field(default_factory=dict)
     others: list[dict[str, Any]] = field(default_factory=list)
     """Rows of the buildings not shown."""
@@ -163,7 +163,7 @@ def lay_image(folder: Path, path: str | Path, system: CoordinateSystem, bounds: 
 
 
 def points_of(rows: list[dict[str, Any]]) -> int:
-    """How many points buildings have."""
+    """Number of points that buildings have."""
     return sum(int(row.get("points") or 0) for row in rows)
 
 
@@ -262,7 +262,7 @@ def middle_of(
 
 
 def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:
-    """How far (m) each roof point (N,) lies over the finest model's roof face at its place, along the normal;
+    """Distance (m) of each roof point (N,) over the finest model's roof face at its place, along the normal;
     NaN for points of no roof."""
     roofs = faces.take(finest_faces(faces) & (faces.kind == SURFACES.index("RoofSurface")))
     measured = np.flatnonzero((sample.building > 0) & ((sample.part == ROOF) | (sample.part == 0)))
@@ -282,7 +282,7 @@ def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:
 
 
 def finest_faces(faces: CityFaces) -> Mask:
-    """Which faces (F,) are of their building's finest solids."""
+    """Mask (F,) of the faces of their building's finest solids."""
     finest = np.zeros(int(faces.building.max(initial=-1)) + 1, np.int64)
     np.maximum.at(finest, faces.building, faces.lod)
     return np.asarray((faces.lod > LODS.index("0")) & (faces.lod == finest[faces.building]))

@@ -30,7 +30,7 @@ class Results(Summary):
     Parameters
     ----------
     folder : Path
-        Where the outputs are.
+        Folder of the outputs.
     points, found, modelled : int
         Numbers of points, of buildings, and of buildings with a model.
     by_lod, failures, fallbacks : dict of str to int

@@ -144,7 +144,7 @@ def as_json(value: Any) -> str:
 
 
 def say_shown(contents: Contents, which: str = "those nearest to the middle") -> str:
-    """How much of the run is drawn, and `which` of its buildings where not all are."""
+    """Line that says how much of the run is drawn, and `which` of its buildings where not all are."""
     sample, rows = contents.points, len(contents.rows)
     parts = [f"all {len(sample):,} points drawn"]
     if len(sample) < sample.total:

@@ -80,7 +80,7 @@ class Thinning:
         return cls(every, share, max(0.0, limit - share * on_roofs) / max(candidates - on_roofs, 1))
 
     def keeps(self, position: Integers, building: NDArray[np.int32]) -> Mask:
-        """Which points (N,) to take, by their places in their file and the numbers of their buildings."""
+        """Mask (N,) of the points to take, by their places in their file and their buildings' numbers."""
         share = np.where(building > 0, self.on_roofs, self.others)
         return np.asarray(scattered(position) < self.every * share)
 
@@ -159,7 +159,7 @@ def sample_points(
     building
         Only the points of the building of this number are taken.
     expected
-        How many points the buildings have, as far as known: they are thinned less than the others.
+        Number of points of the buildings, as far as known: they are thinned less than the others.
     received
         What was taken when the files were written; where it is the same, the files are not read again.
     """

@@ -118,7 +118,7 @@ class RegionGrowing(RoofMethod):
     )
     sag: float = parameter(
         0.05,
-        "How far (root mean square) a roof built as one plane may have bent, or falls to its drains.",
+        "Root mean square distance by which a roof built as one plane may have bent, or falls to its drains.",
         unit="m",
         off=0.0,
         ge=0.0,

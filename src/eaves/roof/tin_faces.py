@@ -70,7 +70,7 @@ class TinFaces(RoofMethod):
     )
     finish: RegionGrowing = parameter(
         RegionGrowing(),
-        "What joins coplanar faces and gives the points between faces to one of them.",
+        "Method that joins coplanar faces and gives the points between faces to one of them.",
         unit="method",
     )
 

@@ -29,7 +29,7 @@ BLOCK_STAGES = ("ground", "rasters", "detect")
 
 
 class Budget:
-    """Where the time of a region goes: processor time of all its tasks, wall time of its steps.
+    """Time of a region: processor time of all its tasks, wall time of its steps.
 
     The stages book their own time where they run (`Clock`); the rest of a task is its reading and writing.
     """

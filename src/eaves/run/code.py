@@ -182,7 +182,7 @@ def effective_syntax(content: bytes) -> ast.Module:
 
 
 def is_effective(statement: ast.stmt) -> bool:
-    """Whether a statement is neither a text by itself nor a branch for checkers of types."""
+    """True if a statement is neither a lone string nor a branch for type checkers."""
     if isinstance(statement, ast.Expr):
         return not (isinstance(statement.value, ast.Constant) and isinstance(statement.value.value, str))
     return not (

@@ -1,4 +1,4 @@
-"""How often Python looks for garbage, in processes of our own."""
+"""Frequency of Python's garbage collection, in processes of our own."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ ENTRY = np.dtype(
 )
 """Records, west-south-east-north (world metres), bits of `FIELDS`, fingerprint, end of the path's bytes."""
 LISTED_INPUTS = 1000
-"""Up to so many inputs are named one by one in run.json; of more, their number and common hash are."""
+"""Maximum number of inputs named one by one in run.json; of more, their number and common hash are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Index:
         return int(self.entries["count"][number])
 
     def has_field(self, name: str) -> bool:
-        """Whether any file carries a field of `FIELDS`."""
+        """True if any file carries a field of `FIELDS`."""
         return bool((self.entries["fields"] >> FIELDS.index(name) & 1).any())
 
     def path(self, number: int) -> Path:
@@ -97,7 +97,7 @@ class Index:
         return Bounds(*map(float, self.entries["box"][number]))
 
     def spans_blocks(self, side: float, bounds: Bounds | None = None) -> bool:
-        """Whether the headers say that points, within the bounds, lie in several blocks of `side` (m)."""
+        """True if the headers say that points, within the bounds, lie in several blocks of `side` (m)."""
         west, south, east, north = self.entries["box"].T
         low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
         if bounds is not None:  # which hold no point of their east and north sides
@@ -106,7 +106,7 @@ class Index:
         return bool((np.floor(low / side) != np.floor(high / side)).any())
 
     def meeting(self, bounds: Bounds) -> Mask:
-        """Which files (F,) say that they have points within `bounds`."""
+        """Mask (F,) of the files that say that they have points within `bounds`."""
         order, sorted_west, widest = self._by_west
         first, last = np.searchsorted(sorted_west, [bounds.west - widest, bounds.east])
         near = order[first:last]  # a country's files are asked for tile by tile: look at a strip of them

@@ -1,4 +1,4 @@
-"""Which files a run wrote: by it a rerun removes its own old files only, and anyone can check them."""
+"""Manifest of the files of a run: by it a rerun removes its own old files only, and anyone can check them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def entry_of(path: Path) -> Entry:
 
 
 def is_changed(path: Path, entry: Entry) -> bool:
-    """Whether a file, which is there, holds something else than its entry says."""
+    """True if an existing file differs from its entry."""
     log_of_changes = path.with_name(f"{path.name}-wal")  # of a GeoPackage that is open elsewhere
     if path.stat().st_size != entry["size"] or (log_of_changes.exists() and log_of_changes.stat().st_size):
         return True
@@ -131,7 +131,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def read_facts(folder: Path) -> dict[str, Any]:
-    """What a run wrote down of itself: run.json without its manifest; nothing where there is none."""
+    """Facts that a run recorded of itself: run.json without its manifest; empty where there is none."""
     return {name: one for name, one in read_words(folder).items() if name not in ("complete", "written")}
 
 
@@ -164,7 +164,7 @@ def files_of_run(folder: Path, name: str) -> list[Path]:
 
 
 def is_inside_folder(name: str) -> bool:
-    """Whether a name cannot lead out of the folder."""
+    """True if a name cannot lead out of the folder."""
     parts = PurePosixPath(name).parts
     return bool(parts) and ".." not in parts and not name.startswith("/") and not set(name) & set("\\:\0")
 
@@ -175,7 +175,7 @@ def known_files(folder: Path) -> dict[str, Entry]:
 
 
 def known_facts(folder: Path) -> dict[str, Any]:
-    """What earlier runs wrote down here; nothing, with a warning, when the manifest is damaged."""
+    """Facts that earlier runs recorded here; empty, with a warning, when the manifest is damaged."""
     try:
         return read_manifest(folder) if (folder / MANIFEST).exists() else {}
     except InputError as error:

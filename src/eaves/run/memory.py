@@ -1,4 +1,4 @@
-"""How much memory a run may take, and how its processes are held to it."""
+"""Memory limit of a run, and how its processes are held to it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def parse_memory(text: str | None) -> int | None:
 
 
 def share_memory(memory: int | None, jobs: int) -> tuple[int, int | None]:
-    """How many processes may work, of `jobs` wanted, and the bytes for each."""
+    """Number of processes that may work, of `jobs` wanted, and the bytes for each."""
     if memory is None:
         return jobs, None
     fitting = max(1, min(jobs, memory // LEAST))

@@ -28,9 +28,9 @@ class Option:
     sentence: str
     default: Any = None
     again: bool = False
-    """Whether a kept run is opened with it again; a path is kept as one that holds from any folder."""
+    """True if a kept run is opened with it again; a path is kept as one that holds from any folder."""
     recorded: bool = False
-    """Whether run.json says it as it is given; what methods, inputs and polygons say follows from those."""
+    """True if run.json states it as given; what methods, inputs and polygons say follows from those."""
     metavar: str | None = None
     flag: str | None = None
     """On the command line, where it is not the keyword's own name."""
@@ -41,7 +41,7 @@ class Option:
 def method_option(flag: str) -> Option:
     """The option of a stage."""
     return Option(
-        "The method of the stage, its name, or a table of its parameters; None is the default.", flag=flag
+        "Method of the stage: its name, or a table of its parameters; None is the default.", flag=flag
     )
 
 
@@ -57,7 +57,7 @@ class RunOptions(TypedDict, total=False):
     source: Annotated[
         str | None,
         Option(
-            "One of the published systems, whole: chen_sun, xiao2014, ren_fcs, roof_attributes or "
+            "Run a complete published system: chen_sun, xiao2014, ren_fcs, roof_attributes or "
             "maas_vosselman.",
             panel="methods",
         ),
@@ -70,25 +70,25 @@ class RunOptions(TypedDict, total=False):
     ]
     building_classes: Annotated[
         Sequence[int] | None,
-        Option("With `use_classes`: the files' classes of buildings; 6 and 67 if not given."),
+        Option("With `use_classes`: the files' classes of buildings; by default 6 and 67."),
     ]
     ground_classes: Annotated[
-        Sequence[int] | None, Option("With `use_classes`: the files' classes of the ground; 2 if not given.")
+        Sequence[int] | None, Option("With `use_classes`: the files' classes of the ground; by default 2.")
     ]
     classes: Annotated[
         Sequence[int] | None,
         Option(
-            "The classes to write: 2, 3, 4, 5, 6, 9, 14, 15, 17 if not given; 2, 3, 4, 5, 6 without water, "
+            "Classes to write: by default 2, 3, 4, 5, 6, 9, 14, 15, 17; 2, 3, 4, 5, 6 without water, "
             "wires and bridges; 2, 6 also without vegetation."
         ),
     ]
     as_published: Annotated[
-        bool, Option("Methods given by name take the numbers that their papers print.", False)
+        bool, Option("Run methods given by name with the parameters of their papers.", False)
     ]
     lod: Annotated[
         str | None,
         Option(
-            "The finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source "
+            "Finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source "
             "delivers, or 2.2.",
             panel="methods",
         ),
@@ -120,7 +120,8 @@ class RunOptions(TypedDict, total=False):
     ]
     clip: Annotated[str | Path | None, Option("File of polygons; points outside are not used.", again=True)]
     cache: Annotated[
-        str | Path | None, Option("Folder for what is read over the network; else `remote` in the output's.")
+        str | Path | None,
+        Option("Cache folder for files read over the network; by default `remote` in the output folder."),
     ]
     footprints: Annotated[
         str | Path | None,
@@ -134,7 +135,7 @@ class RunOptions(TypedDict, total=False):
     id_field: Annotated[
         str | None,
         Option(
-            "Field of the footprints that holds their id; by default that of a known map, or they are "
+            "Field of the footprints that holds their id; by default that of a known map, else they are "
             "numbered.",
             again=True,
             recorded=True,
@@ -143,7 +144,7 @@ class RunOptions(TypedDict, total=False):
     footprint_source: Annotated[
         str | None,
         Option(
-            "The map that footprints or party walls are from, if its columns do not show it: bag, bgt, "
+            "Map that footprints or party walls are from, if its columns do not show it: bag, bgt, "
             "bdtopo, usa-structures, overture, osm, microsoft; `none` takes polygons as they are.",
             again=True,
         ),
@@ -158,7 +159,7 @@ class RunOptions(TypedDict, total=False):
     formats: Annotated[
         Sequence[str],
         Option(
-            "Further formats: gpkg, citygml, citygml3, cityjson, obj, glb, 3dtiles, dxf, geojson, fgb, "
+            "Additional formats: gpkg, citygml, citygml3, cityjson, obj, glb, 3dtiles, dxf, geojson, fgb, "
             "parquet, kml, ifc, copc.",
             (),
             again=True,
@@ -168,7 +169,7 @@ class RunOptions(TypedDict, total=False):
     outputs: Annotated[
         Sequence[str],
         Option(
-            "Outputs to write: footprints, models, mask, rasters, classified, report; all for none.",
+            "Outputs to write: footprints, models, mask, rasters, classified, report; by default all.",
             EVERYTHING,
             again=True,
             panel="output",
@@ -177,23 +178,23 @@ class RunOptions(TypedDict, total=False):
     steps: Annotated[
         bool,
         Option(
-            "Write the map of every step of the methods as a raster, and one picture of them all, block by "
+            "Write a raster of every intermediate step of the methods, and one picture of all, per "
             "block, to steps/.",
             False,
         ),
     ]
-    jobs: Annotated[int, Option("Processes; 0 is one a core, one for small data.", 1, panel="run")]
+    jobs: Annotated[
+        int, Option("Number of processes; 0: one per core, or one for small data.", 1, panel="run")
+    ]
     scheduler: Annotated[str | None, Option("Address of an existing Dask scheduler: tcp://host:port.")]
     memory: Annotated[
-        str | None, Option("Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
+        str | None, Option("Memory limit of all processes together: 4G, 1500M.", metavar="SIZE")
     ]
-    resume: Annotated[
-        bool, Option("Use what an earlier run of the same inputs computed.", False, panel="run")
-    ]
+    resume: Annotated[bool, Option("Resume an earlier run of the same inputs.", False, panel="run")]
     keep: Annotated[
         bool,
         Option(
-            "Keep what `eaves update` needs in the folder, about 100 bytes a point.",
+            "Keep the data that `eaves update` needs in the folder, about 100 bytes per point.",
             False,
             panel="run",
         ),
@@ -201,14 +202,14 @@ class RunOptions(TypedDict, total=False):
     overwrite: Annotated[
         bool,
         Option(
-            "Write over edits, changed files and the results of other inputs that the folder holds.",
+            "Overwrite edits, changed files and results of other inputs in the output folder.",
             False,
         ),
     ]
     per_tile: Annotated[
         bool,
         Option(
-            "Compute and write by tiles, each on its own, as for over 2 billion points.",
+            "Compute and write tile by tile, as is done for over 2 billion points.",
             False,
         ),
     ]

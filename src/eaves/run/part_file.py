@@ -171,7 +171,7 @@ def unpack_item(data: bytes) -> Any:
 
 
 def is_whole_part(path: Path) -> bool:
-    """Whether a part is whole and every array has its checksum."""
+    """True if a part is whole and every array matches its checksum."""
     try:
         with zipfile.ZipFile(path) as file:
             return bool(file.namelist()) and file.testzip() is None

@@ -31,9 +31,10 @@ from eaves.run.world_squares import ring
 log = logging.getLogger("eaves")
 
 PART_POINTS = 4_000_000
-"""A longer file is read in parts of about so many records, which several processes share."""
+"""Records of each part in which a longer file is read by several processes, about."""
 BOX_TOLERANCE = 1.0
-"""Points this far (m) outside the box of their header make it a lie; writers round boxes, not metres."""
+"""Distance (m) of points outside the box of their header from which it is wrong; writers round boxes, but
+not by metres."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class FileSlice:
     crs: str | None
     count: int
     box: Bounds
-    """Where the header says the points are, world metres."""
+    """Bounding box of the points by the header, world metres."""
     k: int
     n: int
     mark: bytes
@@ -82,13 +83,13 @@ class PartMark:
 
 @dataclass(frozen=True)
 class Window:
-    """Which points a run uses, world metres: those in the bounds and the clip area, where given."""
+    """Selection of the points a run uses, world metres: in the bounds and the clip area, where given."""
 
     bounds: Bounds | None = None
     clip: BaseGeometry | None = None
 
     def holds(self, xyz: Points) -> NDArray[np.bool_]:
-        """Which points (N, 3) are used; they are known to have coordinates (`iter_chunks`)."""
+        """Mask (N,) of the points (N, 3) that are used; they have coordinates (`iter_chunks`)."""
         usable = np.ones(len(xyz), bool)
         if self.bounds is not None:
             usable &= self.bounds.contains(xyz)

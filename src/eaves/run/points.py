@@ -32,7 +32,7 @@ class PointWindow:
     ranges : mapping
         Block to the first number in it, and the one behind its last.
     ends : sequence of int
-        How many points each file of the block holds with those before it.
+        Number of points that each file of the block holds with those before it.
     """
 
     block: Block

@@ -54,7 +54,7 @@ class Store:
     has_classes: bool = True
     system: CoordinateSystem = CoordinateSystem()  # noqa: RUF009 (frozen)
     outlasts: bool = False
-    """Whether a later run may find the results; only then it is worth knowing what they follow from."""
+    """True if a later run may find the results; only then it is worth knowing what they follow from."""
 
     def key_of(self, *taken: Any) -> str:
         """The key of what a step takes from the files it reads; empty in a store that does not outlast its
@@ -106,7 +106,7 @@ class Store:
         return [block for block in blocks if not self.has(SUPERSEDED, block) or self.count_points(block)]
 
     def count_points(self, block: Block) -> int:
-        """How many points a block holds."""
+        """Number of points that a block holds."""
         files = self.points_path(block).glob("*.bin")
         return sum(file.stat().st_size for file in files) // RECORD.itemsize - len(self.superseded(block))
 
@@ -130,7 +130,7 @@ class Store:
         return self.folder / step / f"{unit.name}.npz"
 
     def has(self, step: str, unit: Block) -> bool:
-        """Whether a result is there."""
+        """True if the result exists."""
         return os.path.exists(f"{self.folder}/{step}/{unit.name}.npz")
 
     def array(self, step: str, unit: Block, name: str) -> NDArray[Any]:
@@ -160,8 +160,8 @@ class Store:
         return [(name, mark.found) for name, mark in marks if mark is not None]
 
     def reuse_if_unchanged(self, step: str, unit: Block, read: str, taken: str) -> bool:
-        """Whether the result that is there follows from the same, though read from other files; it is marked
-        as read from these then, and else it is no more."""
+        """True if the result that is there follows from the same, though read from other files; it is then
+        marked as read from these, and removed otherwise."""
         mark = self.mark(step, unit)
         if taken and mark is not None and mark.taken == taken:
             self._write_mark(step, unit, replace(mark, read=read))

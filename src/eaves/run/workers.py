@@ -27,7 +27,7 @@ from eaves.run.memory import REMEDY, limit_memory, share_memory
 log = logging.getLogger("eaves")
 Task = TypeVar("Task")
 AHEAD = 4
-"""Tasks that wait for each worker, where there are so many."""
+"""Maximum number of tasks that wait for each worker."""
 PROCESS_STATUS, PROCESS_SCORE = Path("/proc/self/status"), Path("/proc/self/oom_score_adj")
 FEW = 64
 """Tasks for each worker, of which the largest go first."""
@@ -36,13 +36,13 @@ KILLED = "its process was killed"
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended: its answer, or the one-line reason for none, and the peak memory of its process."""
+    """Outcome of a task: its answer, or the one-line reason for none, and the peak memory of its process."""
 
     index: int
     answer: Any = None
     error: str | None = None
     full: bool = False
-    """Whether the error was a full disk."""
+    """True if the error was a full disk."""
     peak_mb: float = 0.0
     cpu: float = 0.0
     """Processor time (s) it took."""
@@ -80,7 +80,7 @@ def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
 
 
 def is_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is what caused an error: a compiled kernel returns it as one of its own."""
+    """True if an error was caused by Ctrl-C: a compiled kernel returns it as one of its own."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
@@ -172,7 +172,7 @@ class Workers:
 
     @property
     def alone(self) -> bool:
-        """Whether this process does all the work."""
+        """True if this process does all the work."""
         return self.scheduler is None and self.jobs < 2 and self._share is None
 
     def start(self, work: Callable[[], Any]) -> None:
@@ -190,7 +190,7 @@ class Workers:
 
     @property
     def started(self) -> bool:
-        """Whether there are processes that wait for work."""
+        """True if there are processes that wait for work."""
         return bool(self._children)
 
     def run(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:

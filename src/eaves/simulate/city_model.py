@@ -38,7 +38,7 @@ LOWEST_ROOF_NORMAL = 0.05
 """A face without semantics is a roof when its normal's z is above this, ground when below minus this."""
 
 GROUND_NEIGHBOURS = 6
-"""The terrain at a place is the mean of the bases of so many nearest buildings, weighted by distance."""
+"""Number of nearest buildings whose bases, weighted by distance, give the terrain at a place."""
 
 CLOSING_GRIDS = (0.001, 0.005, 0.01, 0.02)
 """Grids (m) to which the corners of roof faces are snapped, in turn, until a solid closes over them."""

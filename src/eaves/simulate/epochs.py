@@ -43,10 +43,10 @@ LOWEST_WALL = 2.1
 """No change leaves walls lower than this (m) over the ground beside them."""
 
 REPLACED_M2, REPLACED_M = 25.0, 0.5
-"""A roof is replaced on a building at least so large (m²), by one so far (m) from it in the mean."""
+"""Smallest building (m²) whose roof is replaced, and least mean height difference (m) of the new roof."""
 
 OVERLAP = 0.3
-"""An annex goes so far (m) under the roof it is built to, so that both are one building."""
+"""Distance (m) by which an annex extends under the roof it is built to, so that both are one building."""
 
 CARS_KEPT = 0.5
 """Share of the parking places that are taken at one time."""
@@ -67,9 +67,9 @@ class Change:
     old, new : Polygon or None
         Outline of the eaves (local m); None while there is no building.
     height_m : float
-        How much higher the roof lies, in the mean over the outline common to both (m).
+        Mean rise (m) of the roof over the outline common to both.
     area_m2, volume_m3 : float
-        How much larger outline and volume are.
+        Growth of outline and volume.
 
     Examples
     --------
@@ -137,7 +137,7 @@ def simulate_epochs(
     style : str
         `suburb`, `centre` or `mixed`.
     clutter : bool
-        Whether buildings have vents, skylights, solar panels and balconies.
+        True if buildings have vents, skylights, solar panels and balconies.
     changed : float
         Share of the buildings of 10 m² and more that change (0 to 1); the kinds of change take turns. Raised
         and lowered roofs lie 0.5 to 3.2 m higher or lower, annexes have 4 m² and more.

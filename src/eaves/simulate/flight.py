@@ -1,4 +1,4 @@
-"""Where pulses start and where they point: flight lines with overlap, and the pattern of the mirror."""
+"""Origins and directions of pulses: flight lines with overlap, and the pattern of the mirror."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def fly(
 def _strips_over(
     bounds: Bounds, middle: NDArray[np.float64], heading: float, offsets: list[float], swath: float
 ) -> float:
-    """How many strips cover a place of the town, in the mean."""
+    """Mean number of strips that cover a place of the town."""
     share = (np.arange(50) + 0.5) / 50
     x, y = np.meshgrid(bounds.west + share * bounds.width, bounds.south + share * bounds.height)
     across = -(x - middle[0]) * np.sin(heading) + (y - middle[1]) * np.cos(heading)

@@ -30,7 +30,7 @@ Grid = NDArray[np.float64]
 NODES_M = 0.5
 """Distance of the nodes of the terrain: its walls lean by so much."""
 DYKE_SEEDS = 2
-"""One seed in so many has a dyke through the town."""
+"""Number of seeds of which one has a dyke through the town."""
 DYKE_M = 25.0
 """Width that is kept free for it."""
 STOREY_M = 3.0
@@ -48,7 +48,7 @@ class Level:
     """In the plot's own coordinates."""
 
     def contains(self, xyz: NDArray[np.float64]) -> Mask:
-        """Whether each point (N, 2 or 3) lies on it in plan."""
+        """Mask (N,) of the points (N, 2 or 3) that lie on it in plan."""
         return self.bounds.contains(np.stack(own_coordinates(self.plot, xyz), axis=-1))
 
 
@@ -92,7 +92,7 @@ class Ground:
         return Bounds(u - along / 2, v - across / 2, u + along / 2, v + across / 2)
 
     def rises_across(self) -> tuple[bool, float]:
-        """Whether the plot rises more across than along, and to which side."""
+        """True if the plot rises more across than along, and the side to which it rises."""
         inside = self.within(self.rectangle(self.plot.length, self.plot.depth))
         if not inside.any():
             return True, 1.0

@@ -35,7 +35,7 @@ BINS = 8192
 
 @dataclass(frozen=True)
 class Receiver:
-    """How the scanner separates echoes.
+    """Separation of echoes by the scanner.
 
     `dead_zone` is the shortest distance (m, along the beam) between two echoes: what returns within it of an
     echo's first light is part of it. `threshold` is the least share of the pulse's energy that makes an echo.
@@ -111,7 +111,7 @@ def trace_pulses(
 
 @kernel
 def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
-    """How full of leaves the clump at a point is: 0, or 0.5 to 1.5 times 1 / the share that is filled."""
+    """Density of leaves in the clump at a point: 0, or 0.5 to 1.5 times 1 / the share that is filled."""
     mixed = np.uint64(np.int64(np.floor(x / CLUMP)) & 0x1FFFFF)
     mixed |= np.uint64(np.int64(np.floor(y / CLUMP)) & 0x1FFFFF) << np.uint64(21)
     mixed |= np.uint64(np.int64(np.floor(z / CLUMP)) & 0x1FFFFF) << np.uint64(42)
@@ -127,7 +127,7 @@ def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
 
 @kernel
 def inside_leaves_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-def]
-    """Whether a point is inside body number k of the leaves."""
+    """True if a point is inside body number k of the leaves."""
     dx, dy, w = x - bodies[k, 0], y - bodies[k, 1], (z - bodies[k, 2]) / bodies[k, 5]
     if w < -1.0 or w > 1.0:
         return False

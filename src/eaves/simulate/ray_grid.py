@@ -1,4 +1,4 @@
-"""Which triangles and bodies of leaves stand over each square of the terrain: where rays are traced.
+"""Triangles and bodies of leaves over each square of the terrain: where rays are traced.
 
 Airborne pulses are steep: between the highest roof and the ground one crosses some ten squares of a metre.
 So a plain grid in plan, whose squares hold the greatest height in them, beats a tree of boxes: a step costs

@@ -33,7 +33,7 @@ class Scanner:
         Share of points that are gross errors, half of them low (0.5 to 15 m under ground), half high (15 to
         80 m above it).
     receiver : Receiver
-        How the scanner separates echoes.
+        Separation of echoes by the scanner.
 
     Examples
     --------

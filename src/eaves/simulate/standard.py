@@ -1,4 +1,4 @@
-"""Which simulated scenes the benchmarks use: some to develop on, some for judging only.
+"""Simulated scenes that the benchmarks use: some to develop on, some for judging only.
 
 No default of any method is chosen on a judging scene. Their seeds begin at 9001 and are used nowhere else.
 """

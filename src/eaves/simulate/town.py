@@ -127,7 +127,7 @@ def simulate_town(
     style : str
         `suburb` (houses and gardens), `centre` (closed fronts, blocks around courts) or `mixed`.
     clutter : bool
-        Whether buildings have vents, skylights, solar panels and balconies, which the reference models leave
+        True if buildings have vents, skylights, solar panels and balconies, which the reference models leave
         out.
     leaf_loss : float
         Loss of a pulse's energy per metre of crown (1/m): about 2.5 in leaf, 0.6 out of leaf.
@@ -293,7 +293,7 @@ class BuildingSite:
             self.at.setdefault(square, set()).add(k)
 
     def overlaps(self, outline: Polygon) -> bool:
-        """Whether the outline stands in a building that is there."""
+        """True if the outline overlaps a building that is there."""
         near = (self.outlines[k] for k in self.near(Bounds(*outline.bounds)))
         return any(shapely.intersection(other, outline).area > APART for other in near)
 

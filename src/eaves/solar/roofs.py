@@ -237,7 +237,7 @@ def face_rings(polygon: Polygon) -> list[Values]:
 
 
 def in_large_pieces(good: Mask, cells: Cells, cell_m2: float, smallest: float) -> Mask:
-    """Which of the good cells (N,) of a face, each of so many m², are in pieces of `smallest` m² and more."""
+    """Mask (N,) of the good cells of a face, each of so many m², in pieces of `smallest` m² and more."""
     row, column = cells[0] - cells[0].min(), cells[1] - cells[1].min()
     grid = np.zeros((row.max() + 1, column.max() + 1), bool)
     grid[row, column] = good

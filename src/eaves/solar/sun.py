@@ -1,4 +1,4 @@
-"""Where the sun stands, and what a clear sky or a weather file sends.
+"""Position of the sun, and the radiation of a clear sky or a weather file.
 
 Angles are degrees; azimuths are clockwise from true north.
 """
@@ -90,7 +90,7 @@ def sun_position(days: Values, latitude: float, longitude: float) -> tuple[Value
 
 
 def refraction(elevation: Values) -> Values:
-    """How much higher (degrees) the sun is seen than it stands, [michalsky1988]."""
+    """Refraction (degrees): apparent minus true elevation of the sun, [michalsky1988]."""
     high = np.maximum(elevation, -0.56)
     bent = 3.51561 * (0.1594 + 0.0196 * high + 0.00002 * high**2) / (1.0 + 0.505 * high + 0.0845 * high**2)
     return np.asarray(np.where(elevation > -0.56, bent, 0.56))

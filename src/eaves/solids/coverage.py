@@ -23,7 +23,8 @@ from eaves.solids.half_edges import (
 )
 
 OVERSHOOT = 0.01
-"""How far (m) a line runs past the one it ends on, so that rounding leaves no gap; a shorter one is none."""
+"""Distance (m) by which a line runs past the one it ends on, so that rounding leaves no gap; a shorter one is
+none."""
 
 
 @dataclass(frozen=True, eq=False)

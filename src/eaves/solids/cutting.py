@@ -97,7 +97,7 @@ def each_once(places: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def meetings(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers]:
-    """Where two of the pieces (M, 4) cross, rounded (K, 2), and the lower number of the two (K,)."""
+    """Crossings of two of the pieces (M, 4), rounded (K, 2), and the lower number of the two (K,)."""
     order = np.argsort(np.minimum(pieces[:, 0], pieces[:, 2]), kind="stable")
     places, one, other = crossings_kernel(pieces[order])
     return np.round(places), np.minimum(order[one], order[other])
@@ -105,8 +105,8 @@ def meetings(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers
 
 @kernel
 def crossings_kernel(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers, Integers]:
-    """Where two of the pieces (M, 4), ascending by their least x, cross between their ends (K, 2), and which
-    do, (K,), (K,)."""
+    """Crossings of two of the pieces (M, 4), ascending by their least x, between their ends (K, 2), and the
+    two that cross, (K,), (K,)."""
     room, found = 2 * len(pieces) + 16, 0
     places, pairs = np.empty((room, 2)), np.empty((2, room), np.int64)
     for one in range(len(pieces)):

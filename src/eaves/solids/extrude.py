@@ -37,7 +37,8 @@ SAME_HEIGHT = 0.4 * PLANARITY
 rounding of coordinates within 0.01 feet of it, the limit for files in feet."""
 
 PATCH = SHORTEST_EDGE
-"""How far (m) cells step back from a node where they would touch in an upright edge, between its edges."""
+"""Distance (m) by which cells step back from a node where they would touch in an upright edge, between its
+edges."""
 
 
 @inlined_kernel
@@ -56,8 +57,8 @@ def crossings_kernel(
     tops: NDArray[np.float64],
     floors: NDArray[np.float64],
 ) -> tuple[Integers, NDArray[np.float64]]:
-    """Where a top or floor of one cell first crosses one of the other along their edge: its half (K,) and the
-    place (K, 2)."""
+    """First crossings of a top or floor of one cell with one of the other along their edge: half (K,), place
+    (K, 2)."""
     halves, places, count = np.empty(len(start), np.int64), np.empty((len(start), 2)), 0
     for half in range(len(start)):
         own, beyond, share = cell[half], cell[twin[half]], np.inf
@@ -355,7 +356,7 @@ def step_back(
 
 
 FIRMNESS = 2.5
-"""Where solids are not sound, the shortest edge is taken so many times as long, twice."""
+"""Factor on the shortest edge where solids are not sound, applied twice."""
 
 
 @dataclass(frozen=True, eq=False)

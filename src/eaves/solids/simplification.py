@@ -40,7 +40,7 @@ def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] 
 
 
 def is_sound(coverage: Coverage) -> bool:
-    """Whether the cells are valid polygons that fill the outline without overlap."""
+    """True if the cells are valid polygons that fill the outline without overlap."""
     if is_clear(coverage):
         return True
     polygons = coverage.polygons()
@@ -52,7 +52,7 @@ def is_sound(coverage: Coverage) -> bool:
 
 
 def is_clear(coverage: Coverage) -> bool:
-    """Whether all cells and the outline are single rings with nodes and edges so far apart that they are
+    """True if all cells and the outline are single rings with nodes and edges so far apart that they are
     certainly valid: these fill the outline, for each edge but the outline's is on two of them.
     """
     ring_cell, (halves, first) = coverage.ring_cell, coverage.ring_order

@@ -1,4 +1,4 @@
-"""Whether a solid is closed, oriented and planar: the last look before a solid leaves the reconstructor."""
+"""Check that a solid is closed, oriented and planar: the last before a solid leaves the reconstructor."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def find_defect(solid: Solid) -> str:
 
 
 def surely_sound(solid: Solid) -> tuple[bool, list[int]]:
-    """Whether the plan of the faces that are not walls is certainly sound, and the numbers of those that may
+    """True if the plan of the faces that are not walls is certainly sound, and the numbers of those that may
     not be planar, or have a fold."""
     numbers = [number for number, face in enumerate(solid.faces) if face.surface != WALL_SURFACE]
     rings = [ring for number in numbers for ring in solid.faces[number].rings]
@@ -75,9 +75,9 @@ def surely_sound(solid: Solid) -> tuple[bool, list[int]]:
 
 @kernel
 def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
-    """Which faces (F,), with corners `first[f]` to `first[f + 1]` of `places` (K, 3), have three corners, or
-    are level, or are planar and have only triples of corners that lean like the face, by less than half of
-    `MOST_FOLD_DEG`.
+    """Mask (F,) of the faces, with corners `first[f]` to `first[f + 1]` of `places` (K, 3), that have three
+    corners, or are level, or are planar and have only triples of corners that lean like the face, by less
+    than half of `MOST_FOLD_DEG`.
 
     Such a face has no fold however it is cut into triangles.
     """
@@ -126,7 +126,7 @@ def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
 
 @kernel
 def clear_plan_kernel(places: Points, first: NDArray[np.int64], faces: NDArray[np.int64]) -> bool:
-    """Whether faces are single rings, simple, with corners and edges well over `CLOSEST` apart in plan, and
+    """True if faces are single rings, simple, with corners and edges well over `CLOSEST` apart in plan, and
     all but the first cover the first.
 
     Corners of ring r are `first[r]` to `first[r + 1]` of `places` (K, 3), rings of face f `faces[f]` to
@@ -203,7 +203,7 @@ def plan_polygons(solid: Solid) -> NDArray[np.object_]:
 
 
 def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
-    """Whether a triangle of a face leans away from the others, as thin ones do once heights are rounded.
+    """Defect where a triangle of a face leans away from the others, as thin ones do once heights are rounded.
 
     `flat` are the vertices (V, 3) of sloped faces of more than three, by number, on their own planes: there
     are the triangles of Delaunay by which validators define folds.

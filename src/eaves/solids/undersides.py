@@ -104,7 +104,7 @@ def mitred(
     other: NDArray[np.float64],
     by_other: float,
 ) -> NDArray[np.float64]:
-    """Where the two edges that meet in a corner meet when each is moved along its normal."""
+    """Point where the two edges that meet in a corner meet when each is moved along its normal."""
     turn = one[0] * other[1] - one[1] * other[0]
     farthest = 3.0 * max(by_one, by_other)
     if abs(turn) > 1e-3:
@@ -192,7 +192,8 @@ def wall_segments(walls: BaseGeometry, borders: NDArray[np.object_]) -> NDArray[
 def give_to_other_side(
     plan: Coverage, face: Integers, stands: NDArray[np.bool_], small: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Which cells (C,) stand on the ground when small ones do as their larger neighbours of one face do."""
+    """Mask (C,) of the cells that stand on the ground if small ones do as their larger neighbours of a
+    face."""
     stands = stands.copy()
     inner = (plan.cell != OUTSIDE) & (plan.cell[plan.twin] != OUTSIDE)
     one, other = plan.cell[inner], plan.cell[plan.twin][inner]

@@ -28,45 +28,46 @@ class DeckRules(Method):
 
     widest: float = parameter(
         30.0,
-        "Six lanes and two footways; what is wider is terrain or a roof. A deck is followed four times "
-        "as far.",
+        "Largest width of a deck, six lanes and two footways: wider is terrain or a roof. A deck is "
+        "followed four times as far.",
         unit="m",
         gt=0.0,
     )
     step: float = parameter(
         0.5,
-        "A surface goes on from cell to cell up to this rise, and a point so near to it is of it: a kerb, or "
-        "a slope of one in three.",
+        "Rise up to which a surface continues from cell to cell, and distance within which a point is of "
+        "it: a kerb, or a slope of one in three.",
         unit="m",
         gt=0.0,
     )
     fall: float = parameter(
         2.0,
-        "Known ground beside a deck lies deeper by so much, within two cells: a person walks beneath. A bank "
-        "of earth, one in two at the most, falls less in two cells of 1.5 m.",
+        "Least depth of known ground beside a deck, within two cells: a person walks beneath. A bank of "
+        "earth, one in two at the most, falls less in two cells of 1.5 m.",
         unit="m",
         gt=0.0,
     )
     water_fall: float = parameter(
         0.7,
-        "Where nothing returns beside a deck, the lowest rim near by lies deeper by so much.",
+        "Least depth of the lowest rim near by, where nothing returns beside a deck.",
         unit="m",
         gt=0.0,
     )
     water_width: float = parameter(
         4.5,
-        "A hole in the data is water when a square so wide fits in: the shadow of a wall is narrower.",
+        "Side of a square that fits into a hole in the data if it is water: the shadow of a wall is "
+        "narrower.",
         unit="m",
         gt=0.0,
     )
     water_share: float = parameter(
-        0.4, "Cells in a hole with less than this share of the usual points are water.", ge=0.0
+        0.4, "Share of the usual points below which cells in a hole are water.", ge=0.0
     )
     least_area: float = parameter(
-        10.0, "A smaller strip is no bridge, but a boat or a stair.", unit="m²", ge=0.0
+        10.0, "Smallest area of a bridge; a smaller strip is a boat or a stair.", unit="m²", ge=0.0
     )
     terrain_area: float = parameter(
-        300.0, "A deck's ends join a surface of at least so much.", unit="m²", ge=0.0
+        300.0, "Smallest area of a surface that a deck's ends join.", unit="m²", ge=0.0
     )
 
 
@@ -147,8 +148,8 @@ def wet_or_bridged(cloud: PointCloud, decks: Sequence[Decks], rules: DeckRules =
 
 
 def water_heights(heights: Grid, count: Grid, cell: float, rules: DeckRules) -> Grid:
-    """How high (H, W) a point of water may lie, NaN where there is none: in cells of a wide hole and the few
-    cells in it that something returned from, low, flat and gapped."""
+    """Greatest height (H, W) of a point of water, NaN where there is none: in cells of a wide hole and the
+    few cells in it that something returned from, low, flat and gapped."""
     hole, lowest = water_of(heights, cell, rules)
     known = np.isfinite(heights)
     side = max(2, round(rules.water_width / cell))
@@ -263,7 +264,7 @@ def extended_deck(z: Grid, land: Mask, rules: DeckRules) -> Mask:
 
 
 def deck_ends(strip: Mask, joined: Mask, line: NDArray[np.uint8]) -> tuple[int, float, Values]:
-    """How many ends of a strip of cells (H, W) land carries on, of those it does (`joined`); its length
+    """Number of ends of a strip of cells (H, W) that meet land, by the cells that do (`joined`); its length
     (cells), its middle (2,).
 
     It runs at right angles to the mean of the lines that are the shortest across its cells.
@@ -331,7 +332,7 @@ def between_kernel(
 def falls_off(
     z: Grid, water: Mask, row: int, column: int, down: int, right: int, step: float, fall: float, wet: float
 ) -> bool:
-    """Whether known ground well below lies beside a cell in a direction, within two cells, or water."""
+    """True if known ground well below, or water, lies beside a cell in a direction, within two cells."""
     rows, columns = z.shape
     for k in range(1, 3):
         y, x = row + k * down, column + k * right

@@ -1,4 +1,4 @@
-"""Which of the points that are neither ground, building nor noise are vegetation, by ASPRS classes 3 to 5."""
+"""Vegetation among the points that are neither ground, building nor noise, by ASPRS classes 3 to 5."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class VegetationRules(Method):
     of `ign_urban`. Points a detector calls tree are vegetation in any case.
     """
 
-    low: float = parameter(0.5, "Up to this height vegetation is low, class 3.", unit="m", ge=0.0)
+    low: float = parameter(0.5, "Height up to which vegetation is low, class 3.", unit="m", ge=0.0)
     medium: float = parameter(
-        2.0, "Up to this height it is medium, class 4; above, high, class 5.", unit="m", ge=0.0
+        2.0, "Height up to which it is medium, class 4; above, high, class 5.", unit="m", ge=0.0
     )
     cell: float = parameter(
         2.0,
@@ -66,7 +66,7 @@ def vegetation_classes(
 
 
 def grown_cells(cloud: PointCloud, rules: VegetationRules) -> Mask:
-    """Which points (N,) lie in cells whose points show vegetation."""
+    """Mask (N,) of the points in cells whose points show vegetation."""
     corner = [*np.mod(cloud.origin, rules.cell), -np.floor(cloud.xyz[:, 2].min())]
     xyz = snap(cloud.xyz + corner)  # cells are fixed to the world
     cells = Cells.of(xyz, rules.cell, margin=0)

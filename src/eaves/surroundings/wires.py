@@ -1,4 +1,4 @@
-"""Which points are wires and the towers that carry them, by ASPRS classes 14 and 15."""
+"""Wires and the towers that carry them, by ASPRS classes 14 and 15."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ class WireRules(Method):
         4.0, "Lowest height over the terrain: lines along roads hang 5 m high and more.", unit="m", ge=0.0
     )
     neighbours: int = parameter(
-        4, "So many neighbours of a point, no farther than as many cells, lie in a row with it.", ge=2
+        4, "Number of neighbours of a point, no farther than as many cells, that lie in a row with it.", ge=2
     )
     few: int = parameter(
         16,
-        "Points, one in each cube, in three by three cells and one layer as high as wires hang, at most: a "
-        "roof has 36, and half of it 18.",
+        "Largest number of points, one in each cube, in three by three cells and one layer as high as "
+        "wires hang: a roof has 36, and half of it 18.",
         ge=1,
     )
     across: float = parameter(
         0.15,
-        "Standard deviation across a row, at most, for noise and sag; and as a share of that along it, too.",
+        "Largest standard deviation across a row, for noise and sag; and as a share of that along it, too.",
         unit="m",
         gt=0.0,
     )
@@ -52,7 +52,7 @@ class WireRules(Method):
         25.0, "Least length of a line: shorter are branches, gutters and handrails.", unit="m", gt=0.0
     )
     upright: float = parameter(
-        4.0, "A tower is so many times higher than wide in the middle of its height: a tree is not.", gt=0.0
+        4.0, "Least ratio of a tower's height to its width halfway up: a tree has less.", gt=0.0
     )
     gap: float = parameter(
         0.25,
@@ -133,7 +133,7 @@ def find_towers(
 
 
 def top_in_air(cell: Integers, z: Values, air: float) -> Mask:
-    """Which of some high points (K,) are the topmost of their cell, within `air` (m), with as much beneath
+    """Mask (K,) of the high points that are the topmost of their cell, within `air` (m), with as much beneath
     them empty or in the cell nothing else: crowns reach down."""
     # highest first in each cell, by one key: to sort by two takes five times as long
     depth = np.rint((z.max(initial=0.0) - z) / GRID_STEP).astype(np.int64)
@@ -158,7 +158,7 @@ def one_each(xyz: Points, side: float) -> NDArray[np.int64]:
 
 
 def few_around(cell: Integers, layer: Integers, shape: tuple[int, int], few: int) -> Mask:
-    """Which points (K,), by cell and layer, have so few about them that they may be of wires."""
+    """Mask (K,) of the points that, by cell and layer, have so few about them that they may be of wires."""
     layers = int(layer.max(initial=0)) + 1
     place = cell * layers + layer
     count = np.bincount(place, minlength=shape[0] * shape[1] * layers).reshape(*shape, layers)
@@ -168,7 +168,7 @@ def few_around(cell: Integers, layer: Integers, shape: tuple[int, int], few: int
 
 
 def wire_rows(xyz: Points, rules: WireRules) -> Mask:
-    """Which points (K, 3) lie in a row with their neighbours, more level than upright."""
+    """Mask (K,) of the points (K, 3) that lie in a row with their neighbours, more level than upright."""
     reach = rules.neighbours * rules.cell
     tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)
     away, near = tree.query(xyz, rules.neighbours + 1, distance_upper_bound=reach)

@@ -63,7 +63,7 @@ def plane_axes_kernel(  # type: ignore[no-untyped-def]
 def segments_meet_kernel(  # type: ignore[no-untyped-def]
     p, q, a, b, i, j
 ):
-    """Whether the closed segments p q and a b, on one plane, have a point in common."""
+    """True if the closed segments p q and a b, on one plane, have a point in common."""
     t1, t2 = turn_kernel(p, q, a, i, j), turn_kernel(p, q, b, i, j)
     t3, t4 = turn_kernel(a, b, p, i, j), turn_kernel(a, b, q, i, j)
     if t1 == 0 and t2 == 0:
@@ -80,7 +80,7 @@ def segments_meet_kernel(  # type: ignore[no-untyped-def]
 def in_triangle_kernel(  # type: ignore[no-untyped-def]
     p, a, b, c, i, j
 ):
-    """Whether p, on the plane of the triangle a, b, c, lies in it or on its rim."""
+    """True if p, on the plane of the triangle a, b, c, lies in it or on its rim."""
     t1, t2, t3 = turn_kernel(a, b, p, i, j), turn_kernel(b, c, p, i, j), turn_kernel(c, a, p, i, j)
     return (t1 >= 0 and t2 >= 0 and t3 >= 0) or (t1 <= 0 and t2 <= 0 and t3 <= 0)
 
@@ -89,7 +89,7 @@ def in_triangle_kernel(  # type: ignore[no-untyped-def]
 def segment_meets_triangle_kernel(  # type: ignore[no-untyped-def]
     p, q, a, b, c
 ):
-    """Whether the closed segment p q and the closed triangle a, b, c have a point in common."""
+    """True if the closed segment p q and the closed triangle a, b, c have a point in common."""
     side_p, side_q = orient_kernel(a, b, c, p), orient_kernel(a, b, c, q)
     if side_p * side_q > 0:
         return False
@@ -109,7 +109,7 @@ def segment_meets_triangle_kernel(  # type: ignore[no-untyped-def]
 def one_side_kernel(  # type: ignore[no-untyped-def]
     t, u
 ):
-    """Whether all corners of triangle u lie strictly on one side of the plane of triangle t."""
+    """True if all corners of triangle u lie strictly on one side of the plane of triangle t."""
     first = orient_kernel(t[0], t[1], t[2], u[0])
     return (
         first != 0
@@ -122,7 +122,7 @@ def one_side_kernel(  # type: ignore[no-untyped-def]
 def triangles_meet_kernel(  # type: ignore[no-untyped-def]
     t, u, nt, nu
 ):
-    """Whether triangles t and u (3, 3) meet but in the corners and edges their numbers nt, nu share."""
+    """True if triangles t and u (3, 3) meet but in the corners and edges their numbers nt, nu share."""
     shared, own_t, own_u = 0, -1, -1
     for k in range(3):
         if nt[k] == nu[0] or nt[k] == nu[1] or nt[k] == nu[2]:
@@ -193,14 +193,14 @@ def self_intersections_kernel(  # type: ignore[no-untyped-def]
 
 
 CROSS, SAME_SIDE, OPPOSITE_SIDE = 1, 2, 4
-"""How triangles of two shells meet: they cross; they share area facing alike, or facing each other."""
+"""Codes for triangles of two shells that meet: they cross; share area facing alike, or facing each other."""
 
 
 @kernel
 def pierces_kernel(  # type: ignore[no-untyped-def]
     p, q, t
 ):
-    """Whether the open segment p q passes through the open triangle t."""
+    """True if the open segment p q passes through the open triangle t."""
     side_p, side_q = orient_kernel(t[0], t[1], t[2], p), orient_kernel(t[0], t[1], t[2], q)
     if side_p * side_q >= 0:
         return False
@@ -214,7 +214,7 @@ def pierces_kernel(  # type: ignore[no-untyped-def]
 def share_area_kernel(  # type: ignore[no-untyped-def]
     t, u, i, j
 ):
-    """Whether two triangles on one plane overlap in an area: no edge of either separates them."""
+    """True if two triangles on one plane overlap in an area: no edge of either separates them."""
     turn_t, turn_u = turn_kernel(t[0], t[1], t[2], i, j), turn_kernel(u[0], u[1], u[2], i, j)
     for k in range(3):
         apart_t, apart_u = True, True
@@ -232,7 +232,7 @@ def share_area_kernel(  # type: ignore[no-untyped-def]
 def crossings_kernel(  # type: ignore[no-untyped-def]
     first, second
 ):
-    """How two sets of triangles (N, 3, 3) and (M, 3, 3) meet: the sum of the codes above that occur."""
+    """Sum of the codes above that occur where two sets of triangles (N, 3, 3) and (M, 3, 3) meet."""
     result = 0
     for n in range(len(first)):
         t = first[n]

@@ -285,7 +285,7 @@ def _object_primitives(
 
 
 def _is_nested(value: Any, depth: int, vertex_count: int) -> bool:
-    """Whether a value is lists `depth` deep of lists of vertex numbers that exist."""
+    """True if a value is lists `depth` deep of lists of vertex numbers that exist."""
     if not isinstance(value, list):
         return False
     if depth == 0:

@@ -1,4 +1,4 @@
-"""How well a building model fits the points it was made from."""
+"""Fit of a building model to the points it was made from."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def signed_volume(shell: Shell) -> float:
 
 
 def solid_defects(shells: list[Shell]) -> list[Defect]:
-    """What is wrong between the shells of one solid, the outer one first; each shell is valid by itself."""
+    """Defects between the shells of one solid, the outer one first; each shell is valid by itself."""
     defects = [
         (405, f"shell {number} faces {'inwards' if number == 0 else 'outwards'}")
         for number, shell in enumerate(shells)
@@ -57,7 +57,7 @@ def solid_defects(shells: list[Shell]) -> list[Defect]:
 
 
 def solids_overlap(one: list[Shell], two: list[Shell]) -> bool:
-    """Whether the interiors of two valid solids have a point in common; touching faces are no overlap.
+    """True if the interiors of two valid solids have a point in common; touching faces are no overlap.
 
     Interiors that meet have a piece of one boundary inside the other solid, or the same boundary. An edge
     that passes through a face, or faces that share area and face alike, show it; else the corners and the
@@ -87,7 +87,7 @@ def _near(solid: list[Shell], box: tuple[Integers, Integers]) -> Shell:
 
 
 def composite_defects(solids: list[list[Shell]]) -> list[Defect]:
-    """What is wrong between the solids of a composite solid."""
+    """Defects between the solids of a composite solid."""
     defects: list[Defect] = []
     touching = np.eye(len(solids), dtype=bool)
     for one, two in combinations(range(len(solids)), 2):
@@ -113,13 +113,13 @@ def _samples(shell: Shell) -> NDArray[np.float64]:
 
 
 def _places(shell: Shell, container: Shell) -> Integers:
-    """Where the samples of a shell lie: 1 inside the container, 0 on it, -1 outside."""
+    """Position of the samples of a shell: 1 inside the container, 0 on it, -1 outside."""
     found: Integers = enclosed_kernel(_samples(shell), container * FINER)
     return found
 
 
 def _same_shell(one: Shell, two: Shell) -> bool:
-    """Whether two shells have the same corners and the same volume."""
+    """True if two shells have the same corners and the same volume."""
     corners = [np.unique(shell.reshape(-1, 3), axis=0) for shell in (one, two)]
     return np.array_equal(corners[0], corners[1]) and abs(signed_volume(one)) == abs(signed_volume(two))
 

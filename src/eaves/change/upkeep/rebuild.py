@@ -53,12 +53,12 @@ class Rebuilt:
 
 
 def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_progress) -> Rebuilt:
-    """Model the edited buildings of a run again, and write its vector files anew.
+    """Remodel the edited buildings of a run, and rewrite its vector files.
 
     Parameters
     ----------
     folder
-        What `eaves build --keep` wrote. Edits are those kept in its edits.gpkg, what was changed in its
+        Folder of `eaves build --keep`. Edits are those kept in its edits.gpkg, what was changed in its
         footprints.gpkg, and those of `file`.
     file
         More edits: polygons with a field `verdict`, and `id` where they are of a known building.

@@ -47,12 +47,12 @@ class Updated:
     summary: Summary
     date: str
     points: tuple[int, int]
-    """How many came, and how many went."""
+    """Number of points added, and number replaced."""
     blocks: tuple[int, int]
-    """How many blocks were computed again, of how many."""
+    """Number of blocks computed again, and number of all."""
     versions: Versions
     conflicts: tuple[str, ...] = ()
-    """Among the edits, and edits whose building is no more."""
+    """Among the edits, and edits whose building was removed."""
     beside: tuple[str, ...] = ()
     """Ids of buildings that are as they were but for the walls they share: a neighbour changed. Their lines
     say the new areas; their version stays, for it is that of the building itself."""
@@ -93,7 +93,7 @@ def update(
     Parameters
     ----------
     folder : str or Path
-        What `eaves build --keep`, or an earlier update, wrote. It stays as it is.
+        Folder of `eaves build --keep` or of an earlier update. It stays as it is.
     inputs : str, Path or sequence of them
         The new points: files, folders or globs, in the run's reference system.
     out : str or Path
@@ -281,7 +281,7 @@ def check_place(region: Region) -> None:
 
 
 def points_counted(region: Region) -> tuple[int, int]:
-    """How many points of the last scan came, and how many earlier ones went."""
+    """Number of points that the last scan added, and of earlier ones that it replaced."""
     store = region.store
     counts = [store.array(SUPERSEDED, block, "counts") for block in store.units(SUPERSEDED, region.run.side)]
     came, went = np.sum([np.zeros(2, np.int64), *counts], axis=0).tolist()
@@ -289,7 +289,7 @@ def points_counted(region: Region) -> tuple[int, int]:
 
 
 def blocks_computed(region: Region, before: Store) -> int:
-    """How many blocks have other results than before."""
+    """Number of blocks whose results differ from those before."""
     known = set(before.found(REGIONS, region.blocks))
     return sum(one not in known for one in region.store.found(REGIONS, region.blocks))
 

@@ -26,7 +26,7 @@ from eaves.run.part_file import pack_item
 from eaves.run.store import Store, link_file
 
 HISTORY = "history.city.jsonl"
-"""File of the versions that are no more: a line each, with `terminationDate`."""
+"""File of the versions that have ended: a line each, with `terminationDate`."""
 
 VERSION, CREATED, TERMINATED, IDENTIFIER = "version", "creationDate", "terminationDate", "identifier"
 """Attributes of versions; `identifier` is the building's id, which its versions share."""
@@ -42,7 +42,7 @@ class Versions:
 
     @property
     def ended(self) -> list[str]:
-        """Those of which a version is no more."""
+        """Those of which a version has ended."""
         return [*self.gone, *self.remodelled]
 
 
@@ -79,7 +79,7 @@ def name_versions(
     owners
         The blocks that own buildings now.
     ended
-        Ids of buildings that are no more, which no new one may get.
+        Ids of removed buildings, which no new one may get.
     date
         Of the update, as `YYYY-MM-DD`.
     """
@@ -141,7 +141,7 @@ def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:
 
 
 def is_given(one: Placed) -> bool:
-    """Whether a map gave the outline, and with it the id."""
+    """True if a map gave the outline, and with it the id."""
     footprint = one.result.outcome.footprint
     return footprint is not None and bool(footprint.attributes)
 
@@ -205,7 +205,7 @@ def version_of(result: BuildingResult) -> dict[str, Any]:
 
 
 def same_outcome(one: BuildingModel | Failure, other: BuildingModel | Failure) -> bool:
-    """Whether two results are alike to the last bit."""
+    """True if two results are identical to the last bit."""
     return pack_item(one) == pack_item(other)
 
 
@@ -219,7 +219,7 @@ def lines_of(path: Path) -> dict[str, str]:
 
 
 def known_ids(folder: Path) -> set[str]:
-    """Ids of all buildings that are no more."""
+    """Ids of all removed buildings."""
     ids = set()
     for line in lines_of(folder / HISTORY).values():
         feature = json.loads(line)
@@ -228,7 +228,7 @@ def known_ids(folder: Path) -> set[str]:
 
 
 def write_history(folder: Path, out: Path, models: str, ended: Iterable[str], date: str) -> list[Path]:
-    """Write the versions that are no more: those of `folder`, and of `ended` as its file `models` had them.
+    """Write the versions that have ended: those of `folder`, and of `ended` as its file `models` had them.
 
     Nothing is written where there are none.
     """

@@ -53,7 +53,7 @@ def cut_cells(evidence: Relief, odds: Values, sure: float, smoothness: float, ma
 def source_side(
     gain: Values, loss: Values, pairs: tuple[NDArray[np.int32], NDArray[np.int32], Values]
 ) -> Mask:
-    """Which nodes (N,) the least cut leaves with the source.
+    """Mask (N,) of the nodes that the minimum cut leaves with the source.
 
     `gain` and `loss` (N,) are the prices of cutting a node off the source and off the sink; `pairs` holds two
     nodes and the price of parting them, (P,) each.
@@ -78,7 +78,7 @@ def source_side(
 
 
 def continuity(evidence: Relief, one: NDArray[np.int64], two: NDArray[np.int64]) -> Values:
-    """How far (m) the highest points of neighbouring cells (K,) miss each other's surface: the least of both
-    ways."""
+    """Distance (m) by which the highest points of neighbouring cells (K,) miss each other's surface, the
+    least of both ways."""
     top = evidence.top.ravel()
     return np.minimum(missed_by(evidence, one, two, top[two]), missed_by(evidence, two, one, top[one]))

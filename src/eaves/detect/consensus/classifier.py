@@ -94,25 +94,25 @@ fitted."""
 
 
 class EvidenceRules(Method):
-    """How the evidence is weighed, beside the weights."""
+    """Rules by which the evidence is weighed, beside the weights."""
 
     enclosed: float = parameter(
         6.0,
-        "What stands on a roof has roof on all sides within so much, a tree beside one has not; and so far a "
-        "plane is carried on below a crown.",
+        "Radius within which an object on a roof has roof on all sides, unlike a tree beside one; also "
+        "the distance by which a plane is extended below a crown.",
         unit="m",
         gt=0.0,
     )
     small_surface: float = parameter(
-        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
+        2.0, "Smallest surface that says more than its cells do.", unit="m²", ge=0.0
     )
     rounds: int = parameter(
         3,
-        "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
+        "Rounds of measuring echoes and penetration; after three they change by less than 1 %.",
         ge=0,
     )
     most_log_ratio: float = parameter(
-        4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
+        4.0, "Largest log-likelihood ratio of echoes or penetration: fifty to one.", gt=0.0
     )
     even_area: float = parameter(
         20.0,
@@ -121,13 +121,13 @@ class EvidenceRules(Method):
         ge=0.0,
     )
     even_residual: float = parameter(
-        0.25, "The residual of such a surface is at most so many times `max_residual`.", ge=0.0
+        0.25, "Largest residual of such a surface, in multiples of `max_residual`.", ge=0.0
     )
 
 
 def smooth_share(candidate: Mask, smooth: Mask) -> Values:
     """Share (H, W) of the candidate cells in a square around each that are smooth, two windows and the cell
-    between wide: roofs keep company, while in a crown a plane fits here and there by chance."""
+    between wide: roof cells have smooth neighbours, while in a crown planes fit here and there by chance."""
     size = 2 * WINDOW + 1
     around = ndimage.uniform_filter(candidate.astype(np.float64), size, mode="constant")
     alike = ndimage.uniform_filter((smooth & candidate).astype(np.float64), size, mode="constant")
@@ -135,7 +135,7 @@ def smooth_share(candidate: Mask, smooth: Mask) -> Values:
 
 
 def enclosure(roofs: Mask, steps: int) -> Values:
-    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) is within so many steps of each."""
+    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) is within `steps` of each."""
     rows, columns = roofs.shape
     found = np.zeros(roofs.shape)
     for down, right in ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)):
@@ -164,8 +164,8 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
 
 
 def beside_roofs(evidence: Evidence, roofs: Mask, reach: float) -> tuple[Values, Values]:
-    """How far (m) each of M candidate cells lies from the nearest of `roofs` (H, W), (M,), and how high (m)
-    its highest point is over the plane of that cell, carried on, (M,); 0 where no roof is within `reach`."""
+    """Distance (m) of each of M candidate cells from the nearest of `roofs` (H, W), (M,), and height (m) of
+    its highest point over the plane of that cell, extended, (M,); 0 where no roof is within `reach`."""
     seen = np.flatnonzero(evidence.candidate)
     if not roofs.any():
         return np.full(len(seen), np.inf), np.zeros(len(seen))
@@ -214,7 +214,7 @@ class Separation:
 
     @property
     def power(self) -> float:
-        """How well the measure tells roofs from crowns: 0 not at all, 1 without mistake."""
+        """Power of the measure to tell roofs from crowns: 0 for none, 1 for no mistake."""
         distance = self.trust * ((self.roof - self.crown) / self.spread) ** 2
         return distance / (1.0 + distance)
 
@@ -234,7 +234,7 @@ def separate(value: Values, roof: Values) -> Separation:
     """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
 
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
-    a scan is no witness there. The cells of a window share its points and are one observation.
+    a scan proves nothing there. The cells of a window share its points and are one observation.
     """
     crown = 1.0 - roof
     weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
@@ -254,7 +254,7 @@ def separate(value: Values, roof: Values) -> Separation:
 
 
 class Told(NamedTuple):
-    """What echoes and penetration say of places."""
+    """Log-likelihood ratios of places from returns and penetration."""
 
     several: Values
     """Share (...) of points of pulses with several returns."""
@@ -262,7 +262,7 @@ class Told(NamedTuple):
     """Share (...) of points that reach the ground."""
     echoes: Separation
     penetration: Separation
-    """What either tells in this very scan."""
+    """Separation of roofs and crowns by either in this scan."""
     most: float
     """The log likelihood ratio of either, at most."""
 
@@ -373,7 +373,7 @@ def surface_odds(segments: Segments, terms: Values, weights: Weights, sure: floa
 
 
 def score_regions(region: Labels, odds: Values, weight: ScoreWeights) -> Values:
-    """How sure each region 1…K of (H, W) is, 0 to 1, from its cells' mean odds (H, W)."""
+    """Score of each region 1…K of (H, W), 0 to 1, from its cells' mean odds (H, W)."""
     size = np.bincount(region.ravel())[1:]
     total = np.bincount(region.ravel(), weights=np.clip(odds, -8.0, 8.0).ravel())[1:]
     sure = weight.constant + weight.odds * total / np.maximum(size, 1)

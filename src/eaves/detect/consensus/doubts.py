@@ -1,4 +1,4 @@
-"""Where the evidence contradicts itself or is missing: places for a person to look at."""
+"""Doubts: places for manual review, where the evidence contradicts itself or is missing."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ class DoubtRules(Method):
     )
     doubt_rim: float = parameter(
         0.1,
-        "A region with more of its rim on the rim of the data is doubtful: chance gaps touch less.",
+        "Share of a region's rim on the rim of the data above which it is doubtful: chance gaps touch less.",
         ge=0.0,
         le=1.0,
     )
     doubt_afloat: float = parameter(
         0.6,
-        "A region with water, or nothing, along more of its rim is doubtful: a house by a canal has land on "
-        "three sides.",
+        "Share of a region's rim along water or voids above which it is doubtful: a house by a canal has "
+        "land on three sides.",
         ge=0.0,
         le=1.0,
     )
     doubt_uneven: float = parameter(
         2.2,
-        "A region so many times as uneven as the roofs of the scan is doubtful where echoes tell little.",
+        "Unevenness, in multiples of that of the scan's roofs, from which a region is doubtful where "
+        "echoes tell little.",
         ge=1.0,
     )
 
@@ -96,8 +97,8 @@ def region_doubts(
 
 
 def unevenness_of(evidence: Evidence, roofs: Mask) -> Values:
-    """How many times as uneven as the middle one of `roofs` (H, W) each cell is (H, W), NaN where no plane
-    fits: where echoes tell nothing, an even crown passes for a roof."""
+    """Unevenness (H, W) of each cell as a multiple of the median of `roofs` (H, W), NaN where no plane fits:
+    where echoes tell nothing, an even crown passes for a roof."""
     residual = np.where(np.isfinite(evidence.residual), evidence.residual, np.nan)
     some = residual[roofs & np.isfinite(residual)]
     return residual / max(float(np.median(some)), 1e-4) if len(some) else np.full(roofs.shape, np.nan)

@@ -88,8 +88,8 @@ def level_at(evidence: Relief, cells: NDArray[np.int64], towards: NDArray[np.int
 def missed_by(
     evidence: Relief, cells: NDArray[np.int64], towards: NDArray[np.int64], height: Values
 ) -> Values:
-    """How far (m, (K,)) heights in the cells `towards` (K,) miss the surface of `cells` (K,): the plane
-    carried on, if they have one, or the highest point."""
+    """Distance (m, (K,)) by which heights in the cells `towards` (K,) miss the surface of `cells` (K,): the
+    plane extended, if they have one, or the highest point."""
     miss = np.abs(level_at(evidence, cells, towards) - height)
     miss[~np.isfinite(evidence.residual.ravel()[cells])] = np.inf
     return np.minimum(miss, np.abs(evidence.top.ravel()[cells] - height))

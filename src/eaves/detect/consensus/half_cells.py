@@ -1,4 +1,4 @@
-"""What the points are together in half cells, and the cells of two by two of them in each of four placements.
+"""Statistics of the points in half cells, and in the cells of two by two of them in each of four placements.
 
 The points are sorted once: counts and heights of a cell are those of its four half cells, wherever the cells
 begin.
@@ -72,7 +72,8 @@ class CellsOfFour(SquareCells):
 
     @property
     def off_middle(self) -> tuple[Values, Values]:
-        """How far (m) half cells of a column (w,) lie east, of a row (h,) north of their cell's middle."""
+        """Offset (m) of half cells from their cell's middle: columns (w,) to the east, rows (h,) to the
+        north."""
         south, east = (
             (np.arange(half) - begin) % HALVES - 0.5
             for half, begin in zip(self.half.shape, self.step, strict=True)
@@ -91,7 +92,7 @@ class CellsOfFour(SquareCells):
 
 @dataclass(frozen=True, eq=False)
 class HalfCells:
-    """What the points of half cells are together, (h, w) each, and the M candidates among them."""
+    """Statistics of the points of half cells, (h, w) each, and the M candidates among them."""
 
     cells: Cells
     xyz: Points
@@ -102,7 +103,7 @@ class HalfCells:
     several: Values
     other: Values
     height: Values
-    """How many candidates are of pulses with several returns; how many points neither candidates nor noise;
+    """Number of candidates of pulses with several returns; number of points neither candidates nor noise;
     the sum of the candidates' heights over the terrain."""
     top: Values
     low: Values

@@ -117,9 +117,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         unit="m",
         gt=0.0,
     )
-    min_height: float = parameter(
-        1.5, "Points lower than this over the terrain are no roof.", unit="m", ge=0.0
-    )
+    min_height: float = parameter(1.5, "Least height of roof points over the terrain.", unit="m", ge=0.0)
     max_residual: float | None = parameter(
         None,
         "A window whose plane has a larger RMSE is no surface, and planes of neighbouring cells that differ "
@@ -128,13 +126,13 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         gt=0.0,
     )
     smoothness: float = parameter(
-        2.5, "Price (log odds) of two neighbours called differently.", symbol="λ", ge=0.0
+        2.5, "Penalty (log odds) for two neighbours of different classes.", symbol="λ", ge=0.0
     )
     max_jump: float = parameter(
-        0.7, "A jump in height at which neighbours part easily.", unit="m", symbol="s", gt=0.0
+        0.7, "Height jump at which neighbours are separated easily.", unit="m", symbol="s", gt=0.0
     )
     max_attached: float = parameter(
-        0.5, "A region that goes on in the terrain along a larger share of its rim is rock.", ge=0.0, le=1.0
+        0.5, "Share of a region's rim continued by the terrain above which it is rock.", ge=0.0, le=1.0
     )
     weights: str | None = parameter(
         None,
@@ -143,18 +141,22 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     )
     room: float = parameter(
         ROOM_M,
-        "Parts of a building that no square so wide fits into are fences and hedges: a room is wider.",
+        "Width of the largest square in a part of a building below which it is a fence or hedge: a room "
+        "is wider.",
         unit="m",
         ge=0.0,
     )
     continues: float = parameter(
         0.3,
-        "Terrain that misses a region's carried-on surface by less goes on from it: two steps of a stair.",
+        "Distance from a region's extended surface below which terrain continues it: two steps of a stair.",
         unit="m",
         gt=0.0,
     )
     wall_below_plane: float = parameter(
-        0.5, "At a building's rim a point this far under its cell's plane is on the wall.", unit="m", gt=0.0
+        0.5,
+        "Depth under its cell's plane from which a point at a building's rim is on the wall.",
+        unit="m",
+        gt=0.0,
     )
 
     @property
@@ -213,7 +215,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         step: tuple[int, int],
         known: tuple[Separation, ...] = (),
     ) -> Placement:
-        """What the cells in the placement of that step measure; what echoes tell in the scan may be known."""
+        """Measurements of the cells in the placement of that step; what echoes tell may be known."""
         weights = self.judged_by
         evidence, segments = self.find_surfaces(scene, halves, step)
         terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), weights, self, known)
@@ -226,7 +228,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         return Placement(evidence, segments, odds, of_surface, void, rims, terms.measures)
 
     def half_cells(self, scene: Scene, candidate: Mask) -> HalfCells:
-        """What the points add up to in half cells; `candidate` (N,) marks those that could be roofs."""
+        """Statistics of the points in half cells; `candidate` (N,) marks those that could be roofs."""
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
         return HalfCells.of(scene, candidate, side)

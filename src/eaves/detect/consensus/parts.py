@@ -1,4 +1,4 @@
-"""What the points of buildings are: roof, wall, or a road vehicle: narrow, long, low, and level on top."""
+"""Parts of buildings: points of roof, wall, or a road vehicle: narrow, long, low, and level on top."""
 
 from __future__ import annotations
 
@@ -46,12 +46,13 @@ class VehicleRules(Method):
 
     vehicle_width: float = parameter(
         ROOM_M,
-        "Vehicles are narrower, as no room is: the legal limit is 2.55 m, and points stop short of edges.",
+        "Largest width of a vehicle, less than any room's: the legal limit is 2.55 m, and points stop "
+        "short of edges.",
         unit="m",
         ge=0.0,
     )
-    vehicle_length: float = parameter(1.9, "They are at least so many times longer than wide.", ge=0.0)
-    vehicle_height: float = parameter(4.2, "Their tops are lower.", unit="m", ge=0.0)
+    vehicle_length: float = parameter(1.9, "Least ratio of a vehicle's length to its width.", ge=0.0)
+    vehicle_height: float = parameter(4.2, "Largest height of a vehicle's top.", unit="m", ge=0.0)
     vehicle_level: float = parameter(
         0.6,
         "Half the range of heights on top of a vehicle; what leaves it is something else.",
@@ -64,8 +65,8 @@ class VehicleRules(Method):
 
 
 def find_vehicles(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleRules) -> Mask:
-    """Which of the regions 0…`count` - 1 of points (N, 3), of which `number` (N,) tells the region, are as
-    long, narrow, low and level as a van or a lorry.
+    """Mask of the regions 0…`count` - 1 of points (N, 3), of which `number` (N,) tells the region, that are
+    as long, narrow, low and level as a van or a lorry.
 
     Length and width are those of the rectangle with the same second moments as the points at the level of the
     region's middle height: what hangs over it, or stands beside it, does not count.

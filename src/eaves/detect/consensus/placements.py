@@ -1,4 +1,4 @@
-"""What several placements of the cells say together: the mean of their evidence on cells half as wide.
+"""Evidence of several placements of the cells together: its mean on cells half as wide.
 
 Where a cell begins is chance, and so is what a single placement measures: a window that just misses a face, a
 surface that falls in two. Every half cell lies in one cell of each placement, and nothing is decided before
@@ -24,7 +24,7 @@ from eaves.model import Mask, Values
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """What is measured with the cells in one place."""
+    """Measurements of the cells in one placement."""
 
     evidence: Evidence
     segments: Segments

@@ -31,7 +31,7 @@ class Segments:
 
     @property
     def count(self) -> int:
-        """How many segments there are."""
+        """Number of segments."""
         return len(self.area)
 
 

@@ -15,20 +15,20 @@ from eaves.raster.squares import grown_by_square
 
 
 class VoidRules(Method):
-    """Which holes in the data are roofs."""
+    """Rules for the holes in the data that are roofs."""
 
     void_rim_share: float = parameter(
-        MOST, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
+        MOST, "Least share of a hole's rim that is well above the terrain.", ge=0.0, le=1.0
     )
     void_rim_spread: float = parameter(
         1.0,
-        "Range of the rim's heights, at most, without the lowest and the highest tenth: it is level.",
+        "Largest range of the rim's heights, without the lowest and the highest tenth: it is level.",
         unit="m",
         gt=0.0,
     )
     void_rim_several: float = parameter(
         0.5,
-        "Share, at most, of the rim's points from pulses with several returns: it is no crown.",
+        "Largest share of the rim's points from pulses with several returns: it is no crown.",
         ge=0.0,
         le=1.0,
     )

@@ -19,7 +19,7 @@ WINDOW = 3
 
 
 class WindowRules(Method):
-    """Which windows have a plane, and how those of two sizes compare."""
+    """Rules for windows that have a plane, and for comparing those of two sizes."""
 
     window_points: int = parameter(
         6,
@@ -30,7 +30,7 @@ class WindowRules(Method):
         0.25, "A window whose points are narrower than this share of a cell is a line.", ge=0.0
     )
     window_price: float = parameter(
-        2.0, "Times the residual of a window two cells wide, as few points fit by chance.", gt=0.0
+        2.0, "Factor on the residual of a window two cells wide, as few points fit by chance.", gt=0.0
     )
 
 

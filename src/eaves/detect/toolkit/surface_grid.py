@@ -59,7 +59,7 @@ class SurfaceDetector(Detector):
         STOREY_M, "Largest step in height between the parts of a building.", unit="m", gt=0.0
     )
     max_step: float = parameter(RIM_M, "Largest step in height at the rim.", unit="m", gt=0.0)
-    regrow: float = parameter(RIM_M, "How far the rim grows.", unit="m", off=0.0, ge=0.0)
+    regrow: float = parameter(RIM_M, "Distance by which the rim grows.", unit="m", off=0.0, ge=0.0)
 
     @property
     def buffer(self) -> float:
@@ -165,7 +165,7 @@ def share_around(mask: Mask, among: Mask, width: int) -> Values:
 
 
 def height_error(grid: SurfaceGrid, spacing: float) -> float:
-    """How well (m) the height of a cell is known on a roof of 45°.
+    """Error (m) of the height of a cell on a roof of 45°.
 
     The highest of n points of a cell lies 1/(n + 1) of its side from the upper rim, give or take as much.
     """

@@ -113,7 +113,7 @@ def write_citygml(
     version : Version
         `CITYGML_2` or `CITYGML_3`.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Returns
     -------

@@ -83,9 +83,9 @@ def write_cityjson_seq(
     title : str
         Title in the metadata, if any.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
     translate : sequence of float, or None
-        What all coordinates count from (x, y, z in the system's units); None for the corner of the first
+        Origin of all coordinates (x, y, z in the system's units); None for the corner of the first
         building's block. A file that follows another keeps its lines by keeping this.
 
     Returns
@@ -147,7 +147,7 @@ def write_cityjson(
     title : str
         Title in the metadata, if any.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Returns
     -------

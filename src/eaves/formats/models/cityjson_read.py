@@ -37,7 +37,7 @@ from eaves.model.building import LODS
 REPAIR = "write it again, or check it with cjio or cjval"
 INSTALLATION = "BuildingInstallation"
 NESTING = {"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3}
-"""How many lists stand around a surface (a list of rings) in a geometry's boundaries (CityJSON 2.0,
+"""Number of lists around a surface (a list of rings) in a geometry's boundaries (CityJSON 2.0,
 section 3.1)."""
 
 
@@ -57,7 +57,7 @@ class CityGeometry:
 
     @property
     def is_solid(self) -> bool:
-        """Whether the shells claim to be closed."""
+        """True if the shells claim to be closed."""
         return self.type.endswith("Solid")
 
 
@@ -368,7 +368,7 @@ def system_of_head(head: dict[str, Any], path: Path, crs: str | None = None) -> 
 
 
 def has_corners(face: Face) -> bool:
-    """Whether a face has a ring, and three corners in each; `eaves validate` names those that have not."""
+    """True if a face has a ring, and three corners in each; `eaves validate` names those that have not."""
     return bool(face.rings) and min(map(len, face.rings)) >= 3
 
 

@@ -53,7 +53,7 @@ def write_dxf(
     system : CoordinateSystem
         Coordinate system; the coordinates are in its units.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Returns
     -------

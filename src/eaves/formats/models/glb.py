@@ -65,7 +65,7 @@ def write_glb(
     system : CoordinateSystem
         Coordinate system that `asset.extras` states the origin in.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Returns
     -------

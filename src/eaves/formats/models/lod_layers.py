@@ -46,7 +46,7 @@ def write_lod_layers(
     system : CoordinateSystem
         Coordinate system the coordinates are written in.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Returns
     -------

@@ -48,7 +48,7 @@ def write_obj(
     system : CoordinateSystem
         Coordinate system whose units the coordinates are in.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Returns
     -------

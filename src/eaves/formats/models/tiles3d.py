@@ -56,7 +56,7 @@ ERROR_SHARE = 1 / 16
 """A node's geometric error as a share of its diameter: at Cesium's 16 pixels and a usual screen its tiles
 come into view from about four diameters away."""
 STRETCH = 1.002
-"""How much longer than a metre the unit of a map's axes can be: twice UTM's at the rim of its zone."""
+"""Largest ratio of the unit of a map's axes to a metre, its excess twice UTM's at the rim of its zone."""
 GEOCENTRIC, GEODETIC = "EPSG:4978", "EPSG:4979"
 
 
@@ -89,7 +89,7 @@ def write_3dtiles(
     system : CoordinateSystem
         Coordinate system of the buildings.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Returns
     -------

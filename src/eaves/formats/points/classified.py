@@ -76,7 +76,7 @@ def write_classified(
     extra : mapping of str to ndarray (count,), or None
         Dimension name → values: `building_id`, `plane_id`, `part`. One that the input has is replaced.
     chunk_points : int
-        How many points are in memory at a time (> 0).
+        Number of points in memory at a time (> 0).
     sink : callable or None
         Called with the position of the first of some records, and the records, as they are written.
     provenance : Provenance
@@ -85,7 +85,7 @@ def write_classified(
         Files with the input's records as `iter_chunks` copied them, one run after the other; where there are
         any, the input is not decompressed a second time.
     used_only : bool
-        Whether points whose class is `UNCHANGED` are left out.
+        True if points whose class is `UNCHANGED` are left out.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def write_classified(
 
 
 def is_classified(name: str) -> bool:
-    """Whether a file of a run holds its classified points; their copies as COPC follow from them."""
+    """True if a file of a run holds its classified points; copies as COPC are derived from it."""
     return name.startswith("classified") and name.endswith((".laz", ".las")) and ".copc." not in name
 
 

@@ -29,7 +29,8 @@ LARGEST_RECORD_COUNT = 10_000
 BOMB_POINTS, BOMB_POINTS_PER_BYTE = 20_000_000, 50
 """Compressed points take a byte or more each; so many in so few bytes are made to fill memory."""
 LARGE_AREA, SPARSEST, BESIDE = 1e8, 1e-3, 1.0
-"""A box is a lie with more square units and fewer points on each, or its first point more units outside."""
+"""A box is implausible if larger than this (square units) and sparser than that (points on each), or if its
+first point lies more units outside."""
 COPY_AGAIN = "copy or download it again"
 WRITE_AGAIN = "write it again with another tool (for example lasinfo -repair, las2las or PDAL)"
 COPY_OR_WRITE = f"{COPY_AGAIN}, or {WRITE_AGAIN}"
@@ -81,7 +82,7 @@ class LasHeader:
 
     @property
     def extent_is_known(self) -> bool:
-        """Whether the bounding box can be meant: finite, ordered, within what the record can store."""
+        """True if the bounding box is possible: finite, ordered, within what the record can store."""
         for low, high, scale, offset in zip(
             self.lowest, self.highest, self.scales, self.offsets, strict=True
         ):
@@ -92,7 +93,7 @@ class LasHeader:
 
     @property
     def extent_is_likely(self) -> bool:
-        """Whether the bounding box holds the first point, and is not far too large for so few points."""
+        """True if the bounding box holds the first point, and is not far too large for so few points."""
         width, depth = self.highest[0] - self.lowest[0], self.highest[1] - self.lowest[1]
         if width * depth > LARGE_AREA and self.count < SPARSEST * width * depth:
             return False

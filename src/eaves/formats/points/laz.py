@@ -144,7 +144,7 @@ def decompress(
 
 
 def is_newer_than_lazrs(header: LasHeader) -> bool:
-    """Whether LASzip compressed the points in a way that lazrs does not know (items of version 4)."""
+    """True if LASzip compressed the points in a way that lazrs does not know (items of version 4)."""
     versions = [
         item[2]
         for item in struct.iter_unpack("<3H", header.laszip[34 : 34 + (len(header.laszip) - 34) // 6 * 6])

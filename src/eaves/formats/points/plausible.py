@@ -1,4 +1,4 @@
-"""Whether coordinates without a system can be metres: how fast the aircraft flew, how near returns follow."""
+"""Plausibility of coordinates without a system as metres: speed of the aircraft, distance of returns."""
 
 from __future__ import annotations
 

@@ -14,9 +14,9 @@ from eaves.formats.points.las_header import WRITE_AGAIN, LasHeader
 from eaves.formats.points.laz import VARIABLE_CHUNKS, read_chunk_table
 
 LOOKED_AT = 1000
-"""So many of the records behind the last one that the header counts are looked at."""
+"""Number of records behind the last one that the header counts that are looked at."""
 LIKELY_POINTS = 0.9
-"""They are points when so many of them have the number of their return within that of all returns."""
+"""Share of them whose return number is within the number of returns from which they are points."""
 
 
 def corrected(header: LasHeader, file: BinaryIO) -> LasHeader:
@@ -37,7 +37,7 @@ def corrected(header: LasHeader, file: BinaryIO) -> LasHeader:
 
 
 def are_points(header: LasHeader, file: BinaryIO, held: int) -> bool:
-    """Whether what follows the last point that the header counts are points, too."""
+    """True if the records after the last point that the header counts are points, too."""
     numbers = np.unique(np.linspace(header.count, held - 1, LOOKED_AT).astype(np.int64))
     records = np.empty((len(numbers), header.record_length), np.uint8)
     for number, record in zip(numbers.tolist(), records, strict=True):

@@ -57,7 +57,7 @@ class Traffic:
 
 
 def is_address(text: str | Path) -> TypeGuard[str]:
-    """Whether an input is an address and no path."""
+    """True if an input is an address and not a path."""
     return isinstance(text, str) and "://" in text
 
 
@@ -186,7 +186,7 @@ def localise(
         point clouds (`.vpc`), STAC items, collections of items, Entwine Point Tiles
         (`ept.json`). PLY and E57 files by path or address.
     folder : Path
-        Where files are kept; what is there with the same size and version is not read again.
+        Folder in which files are kept; what is there with the same size and version is not read again.
     bounds : tuple or None
         West, south, east, north in the unit of the files' system: of COPC no more is read, of a list no file
         that lies elsewhere.
@@ -285,7 +285,7 @@ def nodes_of_ept(
 
 
 def meets(box: list[float], bounds: Rectangle) -> bool:
-    """Whether a box of two or three axes meets the bounds."""
+    """True if a box of two or three axes meets the bounds."""
     half = len(box) // 2
     west, south, east, north = bounds
     return box[0] <= east and box[half] >= west and box[1] <= north and box[half + 1] >= south

@@ -1,4 +1,4 @@
-"""Where points come from: finding input files, opening them, reading their points in world metres."""
+"""Sources of points: finding input files, opening them, reading their points in world metres."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ class Source:
     system : CoordinateSystem
         Its reference system.
     fields : tuple of str
-        Which of `return_number`, `number_of_returns`, `classification` the points have.
+        Those of `return_number`, `number_of_returns`, `classification` that the points have.
     layout : LasHeader or TextLayout
-        Where the records are in the file.
+        Layout of the records in the file.
     mark : bytes
         Its fingerprint when it was opened.
 
@@ -92,13 +92,13 @@ class Source:
 
     @property
     def measured(self) -> bool:
-        """Whether the points had to be read to know this."""
+        """True if the points had to be read to know this."""
         layout = self.layout
         return not (isinstance(layout, LasHeader) and _box_is_likely(layout))
 
     @property
     def has_wrong_bbox(self) -> bool:
-        """Whether its header states a bounding box that cannot be that of its points."""
+        """True if its header states a bounding box that cannot be that of its points."""
         layout = self.layout
         return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_likely(layout)
 
@@ -177,7 +177,7 @@ def common_system(sources: Sequence[Source]) -> CoordinateSystem:
 
 
 def is_simulated(path: Path) -> bool:
-    """Whether a LAS file says that `eaves simulate` made it."""
+    """True if a LAS file says that `eaves simulate` made it."""
     try:
         with path.open("rb") as file:
             head = file.read(90)
@@ -334,8 +334,8 @@ def read(
 
 
 def has_coordinates(xyz: Points) -> Mask:
-    """Which points (N, 3) have coordinates: not NaN, not all zero, which writers use for 'none', and not
-    beyond `FARTHEST`, which is how damage looks.
+    """Mask (N,) of the points (N, 3) that have coordinates: not NaN, not all zero, which writers use for
+    'none', and not beyond `FARTHEST`, as in damaged files.
     """
     near: Mask = np.abs(xyz[:, 2]) <= FARTHEST[2]  # false for NaN, too
     for axis in (0, 1):
@@ -372,7 +372,7 @@ def _open_las(header: LasHeader, crs: str | None) -> Source:
 
 
 def _box_is_likely(header: LasHeader) -> bool:
-    """Whether the points need not be read to know where they are."""
+    """True if the extent of the points is known without reading them."""
     return not header.count or (header.extent_is_known and header.extent_is_likely)
 
 

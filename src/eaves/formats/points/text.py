@@ -22,7 +22,7 @@ LABELLED_COLUMNS = 4
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How a file's lines are built: separator, columns of x, y, z and of the label, lines before the first
+    """Layout of a file's lines: separator, columns of x, y, z and of the label, lines before the first
     point."""
 
     path: Path

@@ -48,9 +48,9 @@ class MosaicWriter:
     system : CoordinateSystem
         The coordinate system; position, cell and heights are converted to its units.
     mask : bool
-        Whether values are 0 and 1 (uint8) and not heights.
+        True if values are 0 and 1 (uint8) and not heights.
     provenance : Provenance
-        What the raster is made from, which its tags then say.
+        Data the raster is made from, recorded in its tags.
 
     Raises
     ------

@@ -106,11 +106,11 @@ def write_geopackage(
     system : CoordinateSystem
         Reference system of the layers.
     review : iterable of Row
-        What to look at first; a layer of its own where it has rows.
+        Buildings to review first; a layer of its own where it has rows.
     doubts : iterable of Row
-        Where the scan could not decide, and why; likewise.
+        Places where the scan could not decide, and why; likewise.
     provenance : Provenance
-        What the rows are made from, which the file then says.
+        Data the rows are made from, recorded in the file.
 
     Raises
     ------
@@ -350,7 +350,7 @@ def plain_rows(meta: Mapping[str, Any], columns: Sequence[Any], which: Iterable[
 
 
 def is_parquet(path: Path) -> bool:
-    """Whether a file is Parquet, by its first bytes."""
+    """True if a file is Parquet, by its first bytes."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -447,7 +447,7 @@ def _chosen_layer(path: Path, safe: Path, layer: str | None) -> str | None:
 
 
 def _is_placed(shape: BaseGeometry | None) -> bool:
-    """Whether there is a shape, not an empty one, and all its coordinates are numbers of this world."""
+    """True if there is a shape, not an empty one, and all its coordinates are within `FARTHEST`."""
     if shape is None or shape.is_empty:
         return False
     return bool((np.abs(shapely.get_coordinates(shape)) <= FARTHEST[0]).all())  # false for NaN, too

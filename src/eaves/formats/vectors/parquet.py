@@ -45,7 +45,7 @@ def write_geoparquet(
     system : CoordinateSystem
         Reference system of the file.
     provenance : Provenance
-        What the models are made from, which the file then says.
+        Data the models are made from, recorded in the file.
 
     Raises
     ------

@@ -74,7 +74,7 @@ def checked_vector(path: Path) -> Iterator[tuple[Path, str]]:
 
 
 def leads_elsewhere(path: Path) -> bool:
-    """Whether a JSON file has words by which GDAL could take it for more than GeoJSON."""
+    """True if a JSON file has words by which GDAL could take it for more than GeoJSON."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
         return LEADING.search(text) is not None
 

@@ -1,4 +1,4 @@
-"""Which points join a TIN of the ground: distance and angles to the facet, or that across a break line."""
+"""Densification of a TIN of the ground: distance and angles to the facet, or that across a break line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UPRIGHT = np.inf
 
 @dataclass(frozen=True)
 class Limits:
-    """What a point may differ from the surface to join it."""
+    """Largest differences from the surface at which a point joins it."""
 
     distance: float
     """From the facet, m."""
@@ -37,7 +37,7 @@ class Limits:
 
 
 class Tolerances(NamedTuple):
-    """How far points may lie off the surface.
+    """Tolerances for the distance of points from the surface.
 
     `level` (H, W), m, holds at the middles of squares of a `side` (m), whose first has its north-west corner
     at `west`, `north`; each weighs as much as the points (H, W) that it was measured with. It is `usual` (m)
@@ -196,7 +196,7 @@ def fits_kernel(
     noise: float,
     steepest: float,
 ) -> tuple[Mask, Mask]:
-    """Which candidates (K,) fit the TIN, and which change it.
+    """Masks (K,) of the candidates that fit the TIN, and of those that change it.
 
     `hint` (K,) receives the triangle of each and `judged` (K, 3) its vertices: who did not fit a triangle
     does not fit it later.
@@ -303,7 +303,7 @@ def near_kernel(
     slant: float,
     steepest: float,
 ) -> Mask:
-    """Whether each point (N,) lies within the tolerance + `slant` · slope of the facet at it, along z."""
+    """Mask (N,) of the points within the tolerance + `slant` · slope of the facet at each, along z."""
     near = np.empty(len(xyz), np.bool_)
     here, held = 0, -1
     east, north, slope = 0.0, 0.0, 0.0

@@ -64,13 +64,13 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     the plainest reading of them, and is measured in benchmarks/results as "plain". The
     lowest point of a wide cell misses every hilltop and terrace, so by default we leave it in this:
 
-    - What is wide is found first, whatever its width, in the lowest heights of cells of 1.5 m (3 or 6 m in
-      thinner data) that are fixed to the world. Squares of two by two cells without a step join to surfaces,
-      so that what joins two of them is a way at least two cells wide. The widest surface is terrain. Others
-      are groups of those that touch, and stand on it when walls of at least `wall` go down to terrain on
-      `wall_share` of the group's rim, where that is known; a surface that a ramp or a slope joins is part of
-      what it leads to. Where less than `rim_known` of the rim faces terrain, or half of it nothing, as at
-      the rim of the data, the surface stays. Points over the terrain beneath a raised
+    - Large raised surfaces (halls, bridges) are removed first. They are found in the lowest heights of cells
+      of 1.5 m (3 or 6 m in thinner data) that are fixed to the world. Squares of two by two cells without a
+      step join to surfaces, so that what joins two of them is a way at least two cells wide. The widest
+      surface is terrain. Others are groups of those that touch, and stand on it when walls of at least `wall`
+      go down to terrain on `wall_share` of the group's rim, where that is known; a surface that a ramp or a
+      slope joins is part of what it leads to. Where less than `rim_known` of the rim faces terrain, or half
+      of it nothing, as at the rim of the data, the surface stays. Points over the terrain beneath a raised
       surface, drawn from around it, are never ground; the steps below see them as objects. Not with
       `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
@@ -129,7 +129,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     )
     wide_around: float = parameter(
         600.0,
-        "What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings.",
+        "Distance around a square within which large objects are judged: a hall of 500 m with its "
+        "surroundings.",
         unit="m",
         gt=0,
     )
@@ -138,7 +139,7 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     )
     fine_cell: float = parameter(
         0.5,
-        "Candidates are the lowest points of such cells; half a spacing where that is more.",
+        "Side of the cells whose lowest points are candidates; half a spacing where that is more.",
         unit="m",
         gt=0,
     )
@@ -155,7 +156,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     )
     steepest: float = parameter(
         1.5,
-        "Steepest terrain: at the hull the height of the edge goes on, and more slope adds no tolerance.",
+        "Steepest terrain: steeper facets are not extended beyond the hull, and more slope adds no "
+        "tolerance.",
         ge=0,
     )
     noise_share: float = parameter(
@@ -166,7 +168,7 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         "Sets of cells that are tried where the spacing is more than `cell_least`; most of them decide.",
         ge=1,
     )
-    rounds: int = parameter(8, "Most rounds of densification.", ge=0)
+    rounds: int = parameter(8, "Maximum number of rounds of densification.", ge=0)
     slant_share: float = parameter(
         0.6,
         "Added per unit of slope, in spacings: a point's place is as uncertain as that.",

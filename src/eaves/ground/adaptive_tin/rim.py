@@ -1,4 +1,4 @@
-"""How the terrain goes on beyond the data: a TIN that ends in walls and crowns climbs them."""
+"""Extrapolation of the terrain beyond the edge of the data: a TIN that ends in walls climbs them."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from eaves.model.cloud import GRID_STEP
 
 
 class Rim(Method):
-    """How the terrain is foretold beyond the data."""
+    """Extrapolation of the terrain beyond the edge of the data."""
 
     rim_apart: float = parameter(
         10.0,
-        "Points that predict the terrain stand half as far outside the data, and so far from each other.",
+        "Distance between points that predict the terrain; the first stand half as far outside the data.",
         unit="m",
         gt=0,
     )
     rim_nearest: int = parameter(
-        32, "Each lies on the plane through so many of the nearest sure ground points.", ge=1
+        32, "Number of nearest sure ground points that define the plane of each.", ge=1
     )
 
 

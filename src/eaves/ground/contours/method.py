@@ -63,7 +63,7 @@ class ContourGround(GroundMethod):
         unit="m",
         gt=0.0,
     )
-    interval: float = parameter(0.5, "Height between contours.", unit="m", gt=0.0)
+    interval: float = parameter(0.5, "Contour interval.", unit="m", gt=0.0)
     longest_outline: float = parameter(
         600.0,
         "A closed contour longer than this, the outline of a block of houses of 200 m by 100 m, lies on "
@@ -81,11 +81,15 @@ class ContourGround(GroundMethod):
         step="open contours: end distance",
         gt=0.0,
     )
-    tolerance: float = parameter(0.3, "What lies this close to the terrain belongs to it.", unit="m", gt=0.0)
+    tolerance: float = parameter(
+        0.3, "Distance from the terrain within which points belong to it.", unit="m", gt=0.0
+    )
     rise: float = parameter(
         0.3, "Added to the tolerance per unit of slope of the terrain, times the cell.", ge=0.0
     )
-    rounds: int = parameter(10, "Most rounds of refinement.", off=1, step="iteration of the DTM", ge=1)
+    rounds: int = parameter(
+        10, "Maximum number of rounds of refinement.", off=1, step="iteration of the DTM", ge=1
+    )
 
     @property
     def buffer(self) -> float:
@@ -119,7 +123,7 @@ class ContourGround(GroundMethod):
         return trace_contours(surface, np.arange(first, last + 1) * self.interval)
 
     def on_terrain(self, contour: Contour) -> bool:
-        """Whether a contour lies on terrain: by closedness, distance of its ends, and length."""
+        """True if a contour lies on terrain: by closedness, distance of its ends, and length."""
         if contour.closed:
             return contour.length > self.longest_outline
         return contour.end_distance > self.end_distance
@@ -137,7 +141,7 @@ class ContourGround(GroundMethod):
         return fill_between(surface.with_(values=values.astype(np.float32)))
 
     def allowed(self, terrain: Raster) -> Grid:
-        """How far from the terrain (H, W) what belongs to it may lie, m."""
+        """Largest distance (H, W), m, from the terrain of what belongs to it."""
         if min(terrain.shape) < 2:
             return np.full(terrain.shape, self.tolerance, np.float32)
         south, east = np.gradient(terrain.values)

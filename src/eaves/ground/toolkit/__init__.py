@@ -1,1 +1,1 @@
-"""What several ground filters share."""
+"""Functions that several ground filters share."""

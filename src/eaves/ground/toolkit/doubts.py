@@ -1,4 +1,4 @@
-"""Where a filter may err: ground that ends without a step, and what depends on where cells lie."""
+"""Places where a filter may err: ground that ends without a step, and what depends on where cells lie."""
 
 from __future__ import annotations
 

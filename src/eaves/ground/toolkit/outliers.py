@@ -223,7 +223,7 @@ def height_at(lowest: Values, row: int, column: int) -> Any:
 def are_covered(
     xyz: Points, cells: Cells, row: int, column: int, middle: float, reach: float, low: Mask
 ) -> bool:
-    """Whether most points under `middle` (m), within a cell of one, are covered from there on."""
+    """True if most points under `middle` (m), within a cell of one, are covered from there on."""
     balance = 0
     for r in range(max(0, row - 1), min(cells.rows, row + 2)):
         first = r * cells.columns + max(0, column - 1)
@@ -237,7 +237,7 @@ def are_covered(
 
 @kernel
 def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -> bool:
-    """Whether points over `middle` (m) lie all around a point within `reach` (m) in plan, not to one side; or
+    """True if points over `middle` (m) lie all around a point within `reach` (m) in plan, not to one side; or
     hardly any point lies there.
     """
     x, y, west, south = xyz[i, 0], xyz[i, 1], cells.corner[0], cells.corner[1]

@@ -18,7 +18,7 @@ Integers = NDArray[np.int64]
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)
 KIND_COUNT = len(KINDS)
-"""What is beyond a piece of rim; void, where nothing was measured at all."""
+"""Kinds of what lies beyond a piece of rim; void, where nothing was measured at all."""
 LOOK_CELLS = 2
 """What is beyond a rim is looked for so far: walls and eaves hide the ground at their foot. The terrain
 beneath a raised surface is drawn from that as near; cells of none within twice as much are its parapets."""
@@ -100,13 +100,13 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
 
 
 def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
-    """Which surfaces are terrain, and which stand over it.
+    """Verdict on surfaces: which are terrain, and which stand over it.
 
     The widest surface is terrain, and so are low ones that hardly step down, such as courtyards. All others
-    are taken for raised, in groups of those that touch, until their rims object: a surface that meets terrain
-    is terrain too unless `wall_share` of what is known steps down to it by a wall; so is one in a group whose
-    outer rim does not, or is hardly known. What is low in terrain's company no longer is a wall's foot, so
-    the worst objections come first.
+    are taken for raised, in groups of those that touch, until their boundary contradicts it: a surface that
+    meets terrain is terrain too unless `wall_share` of what is known steps down to it by a wall; so is one in
+    a group whose outer rim does not, or is hardly known. What is low in terrain's company no longer is a
+    wall's foot, so the strongest contradictions come first.
     """
     area, contacts = surfaces.area, surfaces.contacts
     one, other, _ = contacts.T
@@ -155,8 +155,8 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
 
 
 def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
-    """How much higher than the surface `base` each wanted surface (K + 1,) lies where it is nearest to it; 0
-    for the others.
+    """Height (K + 1,) of each wanted surface over the surface `base` where they are nearest; 0 for the
+    others.
     """
     over = np.zeros(len(surfaces.area))
     at = np.flatnonzero(wanted[surfaces.label])
@@ -175,7 +175,7 @@ def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
 
 @kernel
 def squares_kernel(z: Grid, step: float) -> Mask:
-    """Which squares (H - 1, W - 1) of two by two cells (H, W) hold no rise over `step` between neighbours."""
+    """Mask (H - 1, W - 1) of the squares of two by two cells (H, W) with no rise over `step` between them."""
     rows, columns = z.shape
     even = np.zeros((max(0, rows - 1), max(0, columns - 1)), np.bool_)
     for row in range(rows - 1):

@@ -1,4 +1,4 @@
-"""Where a TIN of the ground begins: the lowest points that no object carries."""
+"""Seeds of a TIN of the ground: the lowest points that no object carries."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eaves.raster.interpolate import fill_between, fill_smooth
 
 
 class Opening(TerraceRules):
-    """What an opening takes for objects."""
+    """Rules by which a morphological opening finds objects."""
 
     window: float = parameter(
         27.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
@@ -26,7 +26,7 @@ class Opening(TerraceRules):
     object_slope: float = parameter(
         0.08, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
     )
-    slope_share: float = parameter(0.3, "Part of the terrain's slope that is added to it.", ge=0)
+    slope_share: float = parameter(0.3, "Share of the terrain's slope that is added to it.", ge=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class LowestPoints:
     surface: Raster
     slope: Grid
     over: Mask
-    """Which cells (H, W) hold nothing but what stands over the terrain."""
+    """Mask (H, W) of the cells that hold nothing but what stands over the terrain."""
 
 
 def lowest_of_cells(xyz: Points, side: float, bounds: Bounds | None = None) -> NDArray[np.int64]:

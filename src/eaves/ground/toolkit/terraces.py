@@ -14,14 +14,14 @@ from eaves.raster.nearest import ADJOINING, near_cells
 
 
 class Tolerance(Method):
-    """How far a point may lie off a surface that is rough by itself."""
+    """Tolerance for points off a surface that is rough by itself."""
 
     tolerance_gain: float = parameter(7.0, "Tolerance of a surface, in roughnesses.", symbol="t/ρ", ge=0)
     tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
     tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
 
     def tolerance(self, roughness: float) -> float:
-        """How far from a level surface, along z, what belongs to it may lie, m."""
+        """Largest distance, along z, m, from a level surface of what belongs to it."""
         return min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))
 
 
@@ -79,7 +79,7 @@ def terrace_pieces(objects: Mask, residual: NDArray[np.float64], step: float) ->
 
 @kernel
 def residual_kernel(z: NDArray[np.float64], steep_share: float) -> NDArray[np.float64]:
-    """How badly each cell goes on into its neighbour east (0) and south (1), (2, H, W), m.
+    """Misfit (2, H, W), m, of each cell continued into its neighbour east (0) and south (1).
 
     The height difference, or its deviation from the difference just before or just after, whichever is least:
     a steep but even slope goes on, a wall between two levels does not.

@@ -50,8 +50,8 @@ class Patch(WorldGrids):
     terrain: Grid
 
     def cells_at(self, floor: Floor, rows: Integers, columns: Integers, right: int, up: int) -> Place:
-        """Where the cells of a floor in some rows and columns lie among these, which are several times as
-        wide and counted `right` and `up` of the floor's cells too far.
+        """Indices of the cells here that hold the cells of a floor in some rows and columns: they are several
+        times as wide and counted `right` and `up` of the floor's cells too far.
         """
         times = round(self.cell / floor.cell)
         top = (self.north + 1) * times - 1 - up - floor.north
@@ -61,7 +61,7 @@ class Patch(WorldGrids):
 
 @dataclass(frozen=True, eq=False)
 class WideObjects:
-    """What stands over the terrain in some patches of the world."""
+    """Large objects over the terrain in some patches of the world."""
 
     patches: tuple[Patch, ...] = ()
 
@@ -92,7 +92,7 @@ class WideObjects:
 
 
 def find_wide_objects(floor: Floor, rules: PlateauRules) -> Patch:
-    """What stands over the terrain on a floor, in its cells.
+    """Large objects over the terrain on a floor, in its cells.
 
     Where they hold too few points wider ones are looked at, in all places that their borders can have on
     those of the floor, and most of these places decide: a wide cell at a wall shows what is lower, and where
@@ -111,8 +111,8 @@ def find_wide_objects(floor: Floor, rules: PlateauRules) -> Patch:
 
 
 def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, int]]) -> Patch:
-    """What most patches say, in the cells of a floor, of which they hold several, counted so many to the
-    right and up too far; a doubt is said once, and of nothing that is raised.
+    """Majority of several patches, in the cells of a floor. A cell of a patch holds several of these, counted
+    so many to the right and up too far; a doubt is said once, and of nothing that is raised.
     """
     rows, columns = floor.shape
     ceiling, terrain = (np.empty(floor.shape, np.float32) for _ in range(2))
@@ -140,7 +140,7 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
 
 
 def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
-    """What stands over the terrain on a floor, seen in its cells as they are."""
+    """Large objects over the terrain on a floor, seen in its cells as they are."""
     surfaces = find_surfaces(floor.heights(), floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
@@ -182,7 +182,7 @@ def enclosed_by_terrain(raised: Mask, terrain: Mask) -> Mask:
 
 
 def rise_within(ground: Grid) -> Grid:
-    """How much the terrain (H, W) rises within a cell, m; 0 where it is unknown."""
+    """Rise (H, W), m, of the terrain within a cell; 0 where it is unknown."""
     if min(ground.shape) < 2:
         return np.zeros_like(ground)
     south, east = np.gradient(ground)

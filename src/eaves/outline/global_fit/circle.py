@@ -31,7 +31,7 @@ def is_cheaper(
     sigma: float,
     prices: Prices,
 ) -> bool:
-    """Whether points (M, 2) cost less on the circle (3,) than on the polygon with `corners` (C, 2), on which
+    """True if points (M, 2) cost less on the circle (3,) than on the polygon with `corners` (C, 2), on which
     each has its `weight` (M,): a circle of which a part is hidden is not believed."""
     side = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(side[:, 1], side[:, 0])

@@ -13,7 +13,7 @@ from eaves.outline.toolkit.alpha import Mesh
 
 
 class LowPartRules(Method):
-    """Which surfaces are walls and balconies; lengths in metres."""
+    """Rules for surfaces that are walls and balconies; lengths in metres."""
 
     balcony: float = parameter(
         5.0, "surfaces smaller than this below a larger one do not count", unit="m²", ge=0
@@ -33,7 +33,7 @@ class LowPartRules(Method):
 
 
 def low_parts(mesh: Mesh, height: Values, reach: float, least: float, limits: LowPartRules) -> Mask:
-    """Which points (N,) lie on small surfaces below a larger one beside them.
+    """Mask (N,) of the points on small surfaces below a larger one beside them.
 
     Surfaces are points of `height` (N,) m that hang together over sides of the mesh up to `reach` (m)
     without a step. A surface of fewer than `least` points within the `limits` is small; it is low

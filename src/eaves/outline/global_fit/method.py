@@ -102,7 +102,10 @@ class GlobalFit(LowPartRules, OutlineMethod):
     alpha: float = parameter(1.15, "radius of the largest empty disc, in spacings", gt=0)
     share: float = parameter(SHARE, "least share of the points inside, or alpha is widened", ge=0, le=1)
     sparse: float = parameter(
-        3.0, "points outside within so many times alpha of each other and of the rest are taken in", ge=1
+        3.0,
+        "distance, in multiples of alpha, within which points outside are taken in, from each other and "
+        "from the rest",
+        ge=1,
     )
     scatter: float = parameter(0.28, "scatter of a boundary point about its edge, in spacings", gt=0)
     blur: float = parameter(
@@ -110,8 +113,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     )
     spot: float | None = parameter(
         None,
-        "how far the width of the beam lets points reach beyond an edge; from the data half the strip in "
-        "which pulses come back twice",
+        "distance by which the width of the beam lets points reach beyond an edge; from the data half the "
+        "strip in which pulses come back twice",
         unit="m",
         ge=0,
     )
@@ -127,8 +130,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     )
     beside: float = parameter(
         1.5,
-        "ground beside a boundary point lies within so many spacings and `least_beside`, a crown within "
-        "twice that",
+        "distance from a boundary point, in spacings and at least `least_beside`, within which ground is "
+        "beside it; a crown within twice that",
         gt=0,
     )
     over: float = parameter(
@@ -138,7 +141,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         ge=0,
     )
     sides: int = parameter(24, "fewest sides of a circle, such as a tank or a silo", ge=8)
-    step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
+    step: float = parameter(7.5, "step between the directions that are tried first", unit="°", gt=0, le=45)
     tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
@@ -151,7 +154,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
     )
     strip_behind: float = parameter(4.0, "and up to this far behind it, in spacings", gt=0)
     wall_beside: float = parameter(
-        1.0, "points of a wall have roof points above them within so many spacings", ge=0
+        1.0, "distance, in spacings, within which points of a wall have roof points above them", ge=0
     )
     least_beside: float = parameter(0.5, "and at least within this", unit="m", ge=0)
     widest_spot: float = parameter(
@@ -247,8 +250,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
         return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
 
     def hidden_points(self, ring: NDArray[np.float64], boundary: Boundary) -> Mask:
-        """Which points (M,) of a ring (M, 2) may be hidden: those with something that stands over the roof,
-        and no ground, beside them.
+        """Mask (M,) of the points of a ring (M, 2) that may be hidden: those with something that stands over
+        the roof, and no ground, beside them.
         """
         if boundary.others is None or not len(boundary.others):
             return np.zeros(len(ring), np.bool_)
@@ -361,7 +364,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         divided: NDArray[np.float64],
         density: float,
     ) -> float:
-        """How far (m) points lie beyond their edge, when the edges stand before the outermost points.
+        """Distance (m) of points beyond their edge, when the edges stand before the outermost points.
 
         `divided` (K, 2) are the points of the pulses that came back once more from below. The ones an edge
         divided lie up to half the beam's width on both sides of it, so at half the beam behind the outermost
@@ -385,8 +388,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
 
 @kernel
 def overtopped_kernel(ring: NDArray[np.float64], height: Values, high: Points, reach: float) -> Mask:
-    """Which places (M,) of a ring (M, 2) have one of the points (N, 3), which ascend by x, over their
-    `height` (M,; m) and within the `reach` (m) of them in plan."""
+    """Mask (M,) of the places of a ring (M, 2) that have one of the points (N, 3), which ascend by x, over
+    their `height` (M,; m) and within the `reach` (m) of them in plan."""
     found = np.zeros(len(ring), np.bool_)
     for place in range(len(ring)):
         x, y = ring[place, 0], ring[place, 1]

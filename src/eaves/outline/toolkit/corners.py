@@ -22,7 +22,7 @@ class Drawing:
     detail: float
     """The shortest edge and the smallest jog."""
     reach: float
-    """How far a corner may lie from the boundary."""
+    """Largest distance of a corner from the boundary."""
     sigma: float
     """Scatter of a boundary point about its edge."""
     price: float
@@ -30,7 +30,7 @@ class Drawing:
 
 
 def ends_of_edges(edges: OutlineEdges, drawing: Drawing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where every edge starts and ends, (K, 2) each.
+    """Start and end of every edge, (K, 2) each.
 
     A corner, the end of one edge and the start of the next, is where the lines meet. Where that is farther
     than `reach` from the boundary point between the two edges, or the lines are parallel, it is the middle

@@ -157,7 +157,7 @@ def edge_shift_kernel(
     beside: float,
     least: int,
 ) -> NDArray[np.float64]:
-    """How far (K,) every edge must move along its normal to where the points end; NaN where too few tell.
+    """Shift (K,) of every edge along its normal to where the points end; NaN where too few tell.
 
     `xyz` (N, 3) are the points; an edge runs from `start` (K, 2) over `length` (K,) with `normal` (K, 2).
     The points from `outside` before it to `inside` behind it and `margin` away from its ends are sorted

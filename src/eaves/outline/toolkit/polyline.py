@@ -18,7 +18,7 @@ ANY = -1
 
 @dataclass(frozen=True)
 class Prices:
-    """What the parts of a polyline cost, in nats: minus the logarithm of how likely they are."""
+    """Costs of the parts of a polyline, in nats: minus the logarithm of their probability."""
 
     corner: float
     """A corner of 90°; one that turns by τ costs 1 / |sin τ| times that, as its place is less sure."""

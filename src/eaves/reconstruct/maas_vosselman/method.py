@@ -82,9 +82,11 @@ class MaasVosselman(Reconstructor):
         0.9, "Share of its rectangle that a primitive fills; others are cut further.", gt=0.0, le=1.0
     )
     smallest_primitive: float = parameter(6.0, "Area of the smallest primitive.", unit="m2", gt=0.0)
-    houses: Moments = parameter(Moments(), "What models a primitive as a standard house.", unit="method")
+    houses: Moments = parameter(
+        Moments(), "Method that models a primitive as a standard house.", unit="method"
+    )
     faces: PlaneIntersection = parameter(
-        PlaneIntersection(), "What models the others, by their planar faces.", unit="method"
+        PlaneIntersection(), "Method that models the others, by their planar faces.", unit="method"
     )
 
     def model(

@@ -48,7 +48,7 @@ HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
 A hip whose ridge is a smaller share of its length than the first is a pyramid."""
 
 FARTHEST_OVERLAP = 0.5
-"""How far (m) the end planes of a pyramid may reach over its middle."""
+"""Distance (m) by which the end planes of a pyramid may reach over its middle."""
 
 HIGHEST_PARAPET = 1.2
 """Points up to this height (m) above the roof's plane belong to its rectangle."""
@@ -178,7 +178,7 @@ def choose_fit(points: Points, closed: ClosedForm) -> ParametricFit:
 
 
 def is_roof(fit: ParametricFit) -> bool:
-    """Whether a fit has the shape of its form: sides and ends fall, ends do not begin beyond the middle."""
+    """True if a fit has the shape of its form: sides and ends fall, ends do not begin beyond the middle."""
     p = fit.parameters
     if fit.form == PLANE:
         return True
@@ -324,7 +324,7 @@ def name_roof(
 def end_falls(
     fit: ParametricFit, west: float, east: float, south: float, north: float
 ) -> tuple[float, float]:
-    """How far the western and the eastern end plane fall, as a share of the sides' fall."""
+    """Fall of the western and of the eastern end plane, as a share of the sides' fall."""
     p = fit.parameters
     sides = max(p[TOP] - side_eaves(fit, south, north), 1e-6)
     west_run, east_run = p[ALONG] - west - p[HALF_RIDGE], east - p[ALONG] - p[HALF_RIDGE]

@@ -51,7 +51,7 @@ def take_plan(
 def settle_axes(fit: ParametricFit, points: Points) -> ParametricFit:
     """The plane's fit with axes along the sides of the rectangle around points (N, 3), falling across.
 
-    A plane has no ridge to tell the orientation. Where it falls, the fall is the witness; where it is flat,
+    A plane has no ridge to tell the orientation. Where it falls, the fall tells it; where it is flat,
     the least rectangle.
     """
     along, across = fit.parameters[END_SLOPE], fit.parameters[LEFT_SLOPE]

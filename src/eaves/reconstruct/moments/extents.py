@@ -1,4 +1,4 @@
-"""How far a set of points reaches: the edge just beyond its outermost points."""
+"""Extent of a set of points: the edge just beyond its outermost points."""
 
 from __future__ import annotations
 

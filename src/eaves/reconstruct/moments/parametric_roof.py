@@ -24,7 +24,7 @@ FREE: dict[int, tuple[tuple[int, ...], ...]] = {
 
 
 def matrix_of(groups: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:
-    """What each free number adds to the parameters (8, k)."""
+    """Matrix (8, k) of what each free number adds to the parameters."""
     return np.stack([np.isin(np.arange(8), group) for group in groups], axis=1).astype(np.float64)
 
 

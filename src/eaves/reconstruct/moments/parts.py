@@ -33,7 +33,7 @@ from eaves.reconstruct.moments.parametric_roof import (
 
 
 class PartLimits(BaseModel):
-    """What makes a dormer or a terrace: parameters of a method that looks for them."""
+    """Rules for dormers and terraces: parameters of a method that looks for them."""
 
     tolerance: float = parameter(
         NEAR_M,
@@ -47,7 +47,7 @@ class PartLimits(BaseModel):
     )
     part_reach: float = parameter(
         1.5,
-        "How far behind its last clear point a dormer may still meet the main roof.",
+        "Distance behind its last clear point at which a dormer may still meet the main roof.",
         unit="m",
         gt=0.0,
     )

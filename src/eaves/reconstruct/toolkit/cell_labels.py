@@ -1,4 +1,4 @@
-"""Which plane each cell of a plan gets: the fit of its points, the length of borders, a price per plane."""
+"""Assignment of planes to the cells of a plan: fit of their points, length of borders, a price per plane."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eaves.solids.extrude import LOWEST_ROOF
 from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers
 
 LARGEST = 1e5
-"""A label that costs so much at a node is never taken."""
+"""Cost of a label at a node from which it is never taken."""
 
 LEAST_GAIN = 1e-4
 """Moves that gain no more than this are not made."""
@@ -178,8 +178,8 @@ def rim_kernel(
     stamp: Integers,
     rim: Integers,
 ) -> int:
-    """How many edges lead out of the first `size` nodes of a group, which bear the last `stamp`; those and
-    the nodes that they lead to go into `rim` (E, 2)."""
+    """Number of edges that lead out of the first `size` nodes of a group, which bear the last `stamp`; those
+    and the nodes that they lead to go into `rim` (E, 2)."""
     length, turn = 0, stamp[group[0]]
     for member in range(size):
         node = group[member]
@@ -221,7 +221,7 @@ RUNAWAY = 1e3
 """Cost (m²) of a metre under the lowest roof: more than any residual."""
 
 GAUSS_PLACES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(2)[0]
-"""Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
+"""Places along a border at which its jump is measured: the two of Gauss-Legendre quadrature."""
 
 
 class LabelCosts(BaseModel):
@@ -283,8 +283,8 @@ def plane_reach(
     ground: float,
     farthest: float,
 ) -> PlaneReach:
-    """Where planes (P, 3) may be: nearer than `farthest` (m) to the rectangles around their own points, and
-    over the base.
+    """Reach of planes (P, 3): up to `farthest` (m) from the rectangles around their points, and over the
+    base.
 
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """

@@ -205,8 +205,8 @@ def moves_kernel(
 
 @kernel
 def corners_kernel(heights: Values, count: int) -> int:
-    """How many corners the first `count` of the heights (m) over one node make: one for all between which no
-    wall is high enough.
+    """Number of corners that the first `count` of the heights (m) over one node make: one for all between
+    which no wall is high enough.
     """
     some = np.sort(heights[:count])
     corners = 1 if count > 0 else 0

@@ -1,4 +1,4 @@
-"""Which points speak for the roof, and from how high the roof is seen."""
+"""Points that are evidence of the roof, and the height from which the roof is seen."""
 
 from __future__ import annotations
 

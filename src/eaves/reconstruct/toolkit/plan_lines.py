@@ -42,7 +42,7 @@ class LineReconstructor(Reconstructor):
     )
     extension: float = parameter(
         1.0,
-        "How far a line reaches beyond its evidence before it ends on the next one.",
+        "Distance by which a line extends beyond its evidence before it ends on the next one.",
         unit="m",
         ge=0.0,
     )
@@ -197,7 +197,7 @@ def distinct_lines(lines: list[Line], reach: float) -> list[Line]:
 
 @kernel
 def distinct_kernel(rows: NDArray[np.float64], reach: float) -> Mask:
-    """Which lines (L,), best first, each a row of the numbers of `Line`, are kept by `distinct_lines`."""
+    """Mask (L,) of the lines, best first, rows of the numbers of `Line`, that `distinct_lines` keeps."""
     kept = np.ones(len(rows), np.bool_)
     for one in range(len(rows)):
         x, y, offset = rows[one, 0], rows[one, 1], rows[one, 2]
@@ -345,7 +345,8 @@ def free_ways_kernel(
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> tuple[Values, Values]:
-    """How far (L,; m) lines run on beyond `high` and before `low` to the next segment; infinite without one.
+    """Distance (L,; m) from `high` onwards and from `low` backwards to the next segment; infinite without
+    one.
 
     The lines have a `normal` (L, 2) and an `offset` (L,), the segments go from `starts` to `ends` (S, 2).
     """

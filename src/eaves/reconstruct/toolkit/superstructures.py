@@ -1,4 +1,4 @@
-"""What stands on a roof and is too small for a face of its own: chimneys, dormers, plant, lift housings."""
+"""Objects on a roof that are too small for a face of their own: chimneys, dormers, plant, lift housings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from eaves.solids.soundness import CLOSEST, LOWEST_WALL
 from eaves.solids.undersides import RoofPlan, close_slabs
 
 CLEARANCE = SAME_HEIGHT + COORDINATE_STEP
-"""A body begins so far (m) over the planes of the roof: what rounding and shared vertices move both by."""
+"""Height (m) over the roof planes at which a body begins: what rounding and shared vertices move both by."""
 
 
 def stand_bodies(
@@ -92,7 +92,7 @@ def pieces_of(
 
 
 def below(piece: BaseGeometry, plane: NDArray[np.float64], height: float) -> BaseGeometry:
-    """Where in a piece of plan a plane (3,) lies under a height (m)."""
+    """Part of a piece of plan in which a plane (3,) lies under a height (m)."""
     a, b, c = plane
     steep = float(np.hypot(a, b))
     west, south, east, north = piece.bounds if not piece.is_empty else (0.0, 0.0, 0.0, 0.0)
@@ -134,7 +134,7 @@ def raise_pieces(pieces: list[tuple[Polygon, NDArray[np.float64]]], top: float) 
 
 
 class ObjectLimits(LineReconstructor, LabelCosts):
-    """What makes an object on a roof, beside what makes a part of one: parameters of a method."""
+    """Rules for objects on a roof, beside those for parts of one: parameters of a method."""
 
     superstructure_points: int = parameter(
         8, "Points that show an object on the roof which the solids leave out.", ge=4
@@ -169,7 +169,7 @@ def find_leaf_towers(
     spacing: float,
     limits: ObjectLimits,
 ) -> Mask:
-    """Which cells (C,) are towers of leaves; `planes` (P, 3) lie over them by their `labels` (C,).
+    """Mask (C,) of the cells that are towers of leaves; `planes` (P, 3) lie over them by their `labels` (C,).
 
     A tower is cells whose planes meet, together smaller than `tower_largest` and higher by `level_jump` than
     most of what lies around them. It is a body where its planes hold most of the points (N, 3) in and beside
@@ -197,7 +197,7 @@ def find_leaf_towers(
 
 
 def lie_on(points: Points, planes: NDArray[np.float64]) -> Mask:
-    """Which points (N, 3) lie near one of the planes (P, 3)."""
+    """Mask (N,) of the points (N, 3) that lie near one of the planes (P, 3)."""
     heights = points[:, :2] @ planes[:, :2].T + planes[:, 2]
     return np.asarray((np.abs(heights - points[:, 2:3]) <= NEAR_M).any(axis=1))
 
@@ -328,8 +328,8 @@ def describe_object(
 
 
 def explained_beside(solids: tuple[Solid, ...], points: Points, beside: float, level: float) -> bool:
-    """Whether the roof `beside` (m) explains most of the points (N, 3) to `level` (m): its border is a
-    little off.
+    """True if the roof `beside` (m) explains most of the points (N, 3) to `level` (m): a border is a little
+    off.
     """
     ways = beside * np.array(
         [[1, 0], [0, 1], [-1, 0], [0, -1], [0.7, 0.7], [-0.7, 0.7], [-0.7, -0.7], [0.7, -0.7]]

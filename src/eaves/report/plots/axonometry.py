@@ -20,14 +20,14 @@ FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
 AZIMUTH_DEG, ELEVATION_DEG = -30.0, 38.0
 """From where the models are seen: clockwise from south-on, and over the horizon."""
 SLABS = 60
-"""Surfaces and points are drawn in so many layers by depth, the farthest first."""
+"""Number of layers by depth in which surfaces and points are drawn, the farthest first."""
 POINTS_DRAWN = 120_000
 PIECE = 5.0
 """Faces and edges are cut to pieces of this size (m): pieces are drawn by depth."""
 SUNKEN = 0.3
-"""Pieces whose middle lies so much (m) under the terrain are left out."""
+"""Depth (m) of a piece's middle under the terrain from which it is left out."""
 IN_FRONT = 1.0
-"""Edges are drawn as if so much (m) nearer, so that the faces they bound do not cover them."""
+"""Distance (m) by which edges are drawn nearer, so that the faces they bound do not cover them."""
 
 
 def models_figure(folder: str | Path, size_inches: float) -> Figure:
@@ -111,7 +111,8 @@ def drawn_scene(contents: Contents) -> tuple[Points, Values, Points]:
 
 
 def over_terrain(contents: Contents, pieces: Points) -> Mask:
-    """Which pieces (K, corners, 3) do not lie under the terrain, where sorting by depth could show them."""
+    """Mask (K,) of the pieces (K, corners, 3) not under the terrain, where sorting by depth could show
+    them."""
     middle = pieces.mean(axis=1)
     if not contents.terrain.values.size or not len(pieces):
         return np.ones(len(pieces), bool)

@@ -1,4 +1,4 @@
-"""Where a mask agrees with a reference: found, missed and false areas on a map."""
+"""Map of a mask against a reference: found, missed and false areas."""
 
 from __future__ import annotations
 

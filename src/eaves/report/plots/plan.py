@@ -90,7 +90,7 @@ def draw_run_plan(axes: Axes, folder: Path) -> None:
 
 
 def has_layer(path: Path, name: str) -> bool:
-    """Whether a GeoPackage has a layer with anything in it."""
+    """True if a GeoPackage has a layer with anything in it."""
     layers = [str(layer) for layer, _ in pyogrio.list_layers(path)]
     return name in layers and pyogrio.read_info(path, layer=name)["features"] > 0
 

@@ -31,7 +31,7 @@ def plot_run(
     Parameters
     ----------
     folder
-        What `eaves build` wrote.
+        Folder of `eaves build`.
     path
         PNG, SVG or PDF by its extension; `<what>.png` in the folder for None.
     what

@@ -15,7 +15,7 @@ from eaves.report.contents import Contents, finest_faces, read_contents
 
 WIDTH = 1.0
 SURROUNDINGS = 8.0
-"""How far (m) a section goes on beyond the building."""
+"""Distance (m) by which a section goes on beyond the building."""
 COLOURS = {2: ("ground", "#a9824f"), 6: ("building", "#d0563b")}
 OTHER = ("other", "#7f9a63")
 
@@ -93,7 +93,7 @@ def line_across(polygon: shapely.Polygon) -> tuple[Values, Values, float]:
 
 
 def place_on_line(xyz: Points, centre: Values, direction: Values) -> tuple[Values, Values]:
-    """How far (m) points lie along a line from its middle, and to its left."""
+    """Distance (m) of points along a line from its middle, and to its left."""
     away = xyz[..., :2] - centre
     return away @ direction, away @ np.array([-direction[1], direction[0]])
 
@@ -105,8 +105,8 @@ def cut_models(
     building: int,
     only: bool,
 ) -> Values:
-    """Where the upright plane cuts the finest models: segments (S, 2, 2) of (along, height), of the building
-    alone or of all others."""
+    """Section of the finest models by the upright plane: segments (S, 2, 2) of (along, height), of the
+    building alone or of all others."""
     wanted = (contents.faces.building == building) == only
     faces = contents.faces.take(wanted & finest_faces(contents.faces))
     if not faces:

@@ -69,7 +69,7 @@ class GlobalRefinement(RoofMethod):
     )
     paper: ClassVar[str] = "isack2012"
 
-    start: RegionGrowing = parameter(RegionGrowing(), "What grows the first planes.", unit="method")
+    start: RegionGrowing = parameter(RegionGrowing(), "Method that grows the first planes.", unit="method")
     outlier_share: float = parameter(
         3.5,
         "Distance from every plane, in multiples of the noise, at which a point is better left out.",
@@ -81,7 +81,7 @@ class GlobalRefinement(RoofMethod):
         "Price of a plane, as the share of the smallest plane's points that are left out instead.",
         ge=0.0,
     )
-    rounds: int = parameter(6, "Rounds of proposing, relabelling and pricing at most.", ge=1)
+    rounds: int = parameter(6, "Maximum number of rounds of proposing, relabelling and pricing.", ge=1)
     left_neighbours: int = parameter(
         6,
         "Neighbours among the points left over: the fewest that tell a plane from chance.",

@@ -124,7 +124,8 @@ def worth_kernel(
 
 
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:
-    """Which of K regions come about as near as `gap` (m) in plan (K, K): cells that wide touch."""
+    """Mask (K, K) of the pairs of regions that come about as near as `gap` (m) in plan: cells that wide
+    touch."""
     known = labels > 0
     place = np.floor(xyz[known, :2] / gap).astype(np.int64)
     place -= place.min(axis=0, initial=0) - 1
@@ -136,8 +137,8 @@ def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray
 
 @kernel
 def beside_kernel(number: NDArray[np.int64], wide: int, count: int) -> NDArray[np.bool_]:
-    """Which of `count` labels (K, K) lie in one cell or in cells that touch. Each `number` (M,), ascending,
-    is that of a cell, `wide` to a column, times `count`, and a label in it."""
+    """Mask (K, K) of the pairs of `count` labels that lie in one cell or in cells that touch. Each `number`
+    (M,), ascending, is that of a cell, `wide` to a column, times `count`, and a label in it."""
     near = np.zeros((count, count), np.bool_)
     for one in number:
         cell, label = one // count, one % count

@@ -1,4 +1,4 @@
-"""Which of a building's points are of crowns that stand over its roof."""
+"""Points of a building that are of crowns standing over its roof."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HIGH = 3.0
 
 
 def crown_points(points: Points, not_last: Mask | None) -> Mask:
-    """Which points (N, 3) are of a crown over the roof.
+    """Mask (N,) of the points (N, 3) that are of a crown over the roof.
 
     A roof lets no pulse through but at its edges. A point is of something that does where most of the points
     around it are `not_last` (N,): echoes of pulses that came back once more from below. It is of a crown

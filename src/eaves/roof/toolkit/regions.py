@@ -168,13 +168,15 @@ def without_gaps(labels: Labels) -> Labels:
 
 
 def touching_regions(labels: Labels, neighbours: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    """Which of K regions touch (K, K): a point of one is a neighbour (N, M) of a point of the other."""
+    """Mask (K, K) of the pairs of regions that touch: a point of one neighbours (N, M) a point of the
+    other."""
     return np.ascontiguousarray(touching_kernel(neighbours, labels, count)[1:, 1:])
 
 
 @kernel
 def touching_kernel(neighbours: NDArray[np.int64], labels: NDArray[np.int32], count: int) -> Mask:
-    """Which labels 0…K touch (K + 1, K + 1): a point of one is a neighbour (N, M) of a point of another."""
+    """Mask (K + 1, K + 1) of the pairs of labels that touch: a point of one neighbours (N, M) a point of
+    another."""
     touching = np.zeros((count + 1, count + 1), np.bool_)
     for i in range(len(labels)):
         for column in range(1, neighbours.shape[1]):

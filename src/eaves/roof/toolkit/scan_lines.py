@@ -24,7 +24,7 @@ NEAREST = 4
 
 
 def on_lines(points: Points, nearest: NDArray[np.int64], spacing: float) -> bool:
-    """Whether most points (N, 3) lie so near their `nearest` (N,), for their `spacing` (m) in plan, that
+    """True if most points (N, 3) lie so near their `nearest` (N,), for their `spacing` (m) in plan, that
     neighbours are of one scan line: lines L times as far apart as points along them put these 1 / √L of the
     spacing apart. Points at random are half a spacing apart.
     """

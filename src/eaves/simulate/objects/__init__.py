@@ -1,1 +1,1 @@
-"""What stands in a made scene: ground, houses, streets, trees, furniture."""
+"""Objects of a simulated scene: ground, houses, streets, trees, furniture."""

@@ -23,7 +23,7 @@ FLAT = 0.09
 """Tangent of the slope (5°) below which a face carries plant instead of skylights."""
 
 AREA_PER_PIECE = 30.0
-"""One piece on so many square metres of roof, in the mean."""
+"""Mean roof area (m²) of one piece."""
 
 PANELS_SHARE = 0.15
 """Share of the pitched faces with room for them that carry solar panels."""

@@ -44,7 +44,7 @@ DETACHED_SHARES = {
     "L-shape": 0.09,
     "T-shape": 0.07,
 }
-"""How often each roof stands on a detached house."""
+"""Share of each roof among detached houses."""
 
 SLOPES_DEG = {
     "gable": (25.0, 55.0),

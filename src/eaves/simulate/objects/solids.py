@@ -1,4 +1,4 @@
-"""How a roof partition becomes a closed solid: roof faces, outer walls, walls at height steps, ground."""
+"""Closed solid from a roof partition: roof faces, outer walls, walls at height steps, ground."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def _leave_out_straight_nodes(rings: list[list[Ring]]) -> None:
 
 
 def _straight(p: Node, q: Node, r: Node) -> bool:
-    """Whether q lies on the segment from p to r, within two coordinate steps, as snap rounding moves it."""
+    """True if q lies on the segment from p to r, within two coordinate steps, as snap rounding moves it."""
     ux, uy, vx, vy = r[0] - p[0], r[1] - p[1], q[0] - p[0], q[1] - p[1]
     return abs(ux * vy - uy * vx) <= 2 * np.hypot(ux, uy) and ux * (r[0] - q[0]) + uy * (r[1] - q[1]) > 0
 

@@ -1,4 +1,4 @@
-"""Where things stand in a town: streets, blocks of a style each, lots, houses, gardens, parked cars."""
+"""Layout of a town: streets, blocks of a style each, lots, houses, gardens, parked cars."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
         "park": 0.05,
     },
 }
-"""How often a block of a town holds what."""
+"""Shares of the kinds of blocks in a town, by style."""
 
 PLOTS_BEYOND = 20.0
 """Plots are kept whose middle is at most this far outside the town (m)."""

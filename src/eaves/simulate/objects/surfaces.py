@@ -24,7 +24,7 @@ FASCIA = 0.25
 """Height of the board at the edge of an overhanging roof (m)."""
 
 SKIRT = 3.0
-"""The walls of a city model go on this far below its base (m), for ground that lies lower there."""
+"""Distance (m) by which the walls of a city model extend below its base, for ground that lies lower there."""
 
 BELOW_ROOF = 0.02
 """Walls under an overhang end this far below the roof (m), so that no wall pierces it."""

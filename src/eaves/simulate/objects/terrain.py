@@ -16,7 +16,7 @@ CELL = 1.0
 """Spacing of the terrain's nodes (m), and of the grid in which rays are traced."""
 
 MARGIN = 30.0
-"""The terrain goes on this far (m) outside the town, so that oblique pulses at the rim meet ground."""
+"""Distance (m) by which the terrain extends beyond the town: oblique pulses at its rim must meet ground."""
 
 LEVEL = 10.0
 """Height of the lowest street, about (m)."""

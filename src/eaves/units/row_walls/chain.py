@@ -1,4 +1,4 @@
-"""Where the walls of one row are: all divisions of a chain of steps, and the share of them with each wall."""
+"""Walls of one row: all divisions of a chain of steps, and the share of them with each wall."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from eaves.kernels import kernel
 from eaves.model import Values
 
 NEAR = 2
-"""Divisions with a wall within so many steps agree on it."""
+"""Steps within which walls of two divisions agree."""
 
 LEAST = float(np.finfo(np.float64).tiny)
-"""Where no division is possible, their sum is this, so that shares are finite."""
+"""Sum where no division is possible, so that shares are finite."""
 
 
 def chances_of(odds: Values, width_odds: Values, prior: Values) -> Values:

@@ -53,8 +53,8 @@ def carried_on(
     way: NDArray[np.float64],
     farthest: float,
 ) -> float:
-    """How far (m), at most `farthest`, a wall that ends at `start` goes on along `way` before it meets
-    another unit.
+    """Distance (m), at most `farthest`, by which a wall that ends at `start` goes on along `way` before it
+    meets another unit.
     """
     away = np.arange(2.0 * CELL_M, farthest, CELL_M)
     met = label[plan.cells(*(start + away[:, None] * way).T)] > 0

@@ -136,8 +136,8 @@ def moments_kernel(
 def side_kernel(
     sums: NDArray[np.float64], at: int, way: int, room: int, s0: float, t0: float, noise: float
 ) -> tuple[float, float, float, float]:
-    """How much the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`, lie on a plane
-    (0 to 1); how many they are, the height of that plane at (s0, t0), and its slope along the row.
+    """Planarity (0 to 1) of the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`;
+    how many they are, the height of their plane at (s0, t0), and its slope along the row.
 
     Three windows, at most `room` steps wide, and the same farther away: each takes of what those before it
     left as much as its points lie on a plane.

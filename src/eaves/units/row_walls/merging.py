@@ -24,16 +24,16 @@ were learned on, by `python -m benchmarks.accuracy.unit_weights`.
 
 
 class MergeRules(Method):
-    """Which units are too small, and which walls too short."""
+    """Rules for units that are too small, and walls that are too short."""
 
     smallest_unit: float = parameter(
         25.0,
-        "A smaller unit is part of the one it shares its longest border with.",
+        "Area of the smallest unit; a smaller one is part of that with which it shares its longest border.",
         unit="m2",
         ge=0.0,
     )
     shortest_border: float = parameter(
-        WINDOW_M, "Units that share less do not stand wall to wall.", unit="m", ge=0.0
+        WINDOW_M, "Shortest common border of units that stand wall to wall.", unit="m", ge=0.0
     )
 
 

@@ -82,16 +82,16 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     )
     width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", symbol="r", gt=0.0)
     regular_gain: float = parameter(
-        2.0, "Logarithm of how much likelier a row is to have no usual width than any one.", ge=0.0
+        2.0, "Log-odds of a row with no usual width against any one width.", ge=0.0
     )
     least_sure: float = parameter(
         0.3,
-        "A wall stands where this share of all divisions has one: rows of towns are matched best so.",
+        "Share of all divisions with a wall from which it stands: rows of towns are matched best so.",
         gt=0.0,
         lt=1.0,
     )
     carried_on: float = parameter(
-        HOUSE_M, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
+        HOUSE_M, "Largest distance by which a wall is extended through annexes and sheds.", unit="m", gt=0.0
     )
 
     def divide(
@@ -148,7 +148,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         ]
 
     def regular_width(self, width: Values, usual: float, broad: Values) -> Values:
-        """How much more often a unit has a `width` (K,; m) in a row whose houses have a usual width than in
+        """Likelihood ratio of a unit's `width` (K,; m) in a row of houses with a usual width to that in
         others.
         """
         peak = (

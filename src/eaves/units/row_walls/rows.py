@@ -28,8 +28,8 @@ CLEAR = 1.6
 """Walls lean where that makes heights change so many times as much alike: points moved by a part of a cell
 change the coherence of a row by less."""
 JOG_M, HOUSE_M = 1.5, 15.0
-"""How far a front steps back and forth and is one, and how deep a house in a row is at most (m); a row of two
-is twice as deep."""
+"""Distance (m) by which a front may step back and forth and still be one, and largest depth (m) of a house in
+a row; a row of two is twice as deep."""
 
 
 class RowRules(Method):
@@ -37,24 +37,25 @@ class RowRules(Method):
 
     jog: float = parameter(
         JOG_M,
-        "How far a front may step back and forth and is one: bays, porches, unequal overhangs.",
+        "Distance by which a front may step back and forth and still be one: bays, porches, unequal "
+        "overhangs.",
         unit="m",
         ge=0.0,
     )
     shortest_front: float = parameter(
         5.0,
-        "Two houses do not stand side by side on a shorter front; edges of this length show how walls run.",
+        "Shortest front of two houses side by side; edges of this length show how walls run.",
         unit="m",
         gt=0.0,
     )
     most_deeper: float = parameter(
         2.0,
-        "Where ground is deeper than this many times the row's median depth, another row stands behind.",
+        "Depth of ground, in multiples of the row's median depth, beyond which another row stands behind.",
         gt=1.0,
     )
     most_turn: float = parameter(
         5.0,
-        "Angle by which jogs turn a front away from the edges it consists of, at most.",
+        "Largest angle by which jogs turn a front away from the edges it consists of.",
         unit="degree",
         ge=0.0,
         le=45.0,
@@ -67,7 +68,7 @@ class RowRules(Method):
     )
     most_lean: float = parameter(
         40.0,
-        "Angle by which party walls lean from upright on the front, at most.",
+        "Largest angle by which party walls lean from upright on the front.",
         unit="degree",
         ge=0.0,
         lt=90.0,
@@ -280,8 +281,8 @@ def leaning(
 
 
 def coherence(plan: Plan, row: HouseRow) -> float:
-    """How much heights change along the row in the same way at all depths (m²): walls that run along
-    `row.across` make it large.
+    """Coherence (m²) of the change of heights along the row at all depths: walls that run along `row.across`
+    make it large.
     """
     s, t = row.grid()
     height = plan.height[plan.cells(*row.place(s, t))]
@@ -333,8 +334,8 @@ def ground_behind(
 
 
 class Chords(NamedTuple):
-    """Where lines across a row, one in the middle of each step, lie in a shape: the step and the first and
-    last t (m) of each piece (M,), step by step from the front."""
+    """Pieces of lines across a row, one in the middle of each step, that lie in a shape: the step and the
+    first and last t (m) of each piece (M,), step by step from the front."""
 
     step: NDArray[np.int64]
     first: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Whether a block is several buildings at all: houses of wings, halls and churches show walls, too."""
+"""Odds that a block is several buildings at all: houses of wings, halls and churches show walls, too."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def odds_of_several(rows: Sequence[RowUnits], odds: Sequence[Values], points: in
     """Log-odds that a block of `area` (m²) with that many points is several buildings, from its divided rows
     and the log-odds (S + 1,) of a wall at each step of each row.
 
-    One wall is no witness, for every wing makes one: that walls repeat, how strong the second is, how dense
+    A single wall proves nothing: every wing has one. That walls repeat, how strong the second is, how dense
     the scan, and whether the row is as shallow as houses are, decide.
     """
     traits = traits_of_block(rows, odds, points, area)
