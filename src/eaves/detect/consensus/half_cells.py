@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from eaves.detect.toolkit.cells import Cells, SquareCells
 from eaves.model import Integers, Mask, Points, Scene, Values
 
+STEPS = ((0, 0), (0, 1), (1, 0), (1, 1))
+"""The placements: half cells south and east by which the cells begin after those at the local origin."""
 HALVES = 2
 """Half cells along the side of a cell."""
-STEPS = tuple((south, east) for south in range(HALVES) for east in range(HALVES))
-"""The placements: half cells south and east by which the cells begin after those at the local origin."""
 
 
 @dataclass(frozen=True, eq=False)
