@@ -39,7 +39,7 @@ from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.method import Consensus
 from eaves.detect.consensus.segments import Segments
 from eaves.ground import classify_ground
-from eaves.model import Bounds, Values
+from eaves.model import Bounds, Mask, Values
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
 
@@ -83,13 +83,11 @@ def row_of(survey: Survey, place: str) -> Row | None:
     candidate = method.candidates(scene)
     if candidate.sum() < 100:
         return None
-    halves = method.half_cells(scene, candidate)
-    evidence, segments = method.find_surfaces(scene, halves)
-    half, chosen = halves.cells, candidate & known
-    total, hits = (
-        evidence.cells.sum(np.bincount(half.cell[some], minlength=half.size).reshape(half.shape)).ravel()
-        for some in (chosen, chosen & (truth == BUILDING))
-    )
+    _, evidence, segments = method.find_surfaces(scene, candidate)
+    chosen = np.flatnonzero(candidate & known)
+    cell = evidence.cells.cell[chosen]
+    total = np.bincount(cell, minlength=evidence.cells.size).astype(float)
+    hits = np.bincount(cell[truth[chosen] == BUILDING], minlength=evidence.cells.size).astype(float)
     label = segments.label.ravel()
     with np.errstate(invalid="ignore"):
         true_surface = (np.bincount(label, hits) / np.bincount(label, total))[1:]
@@ -137,15 +135,14 @@ def samples(row: Row, weights: Weights) -> tuple[list[NDArray[np.float64]], list
     share = np.sqrt(size[use])
     whole = min(ROW_WEIGHT, float(use.sum()))
     surface = [terms.surface[use], row.true_surface[use], whole * share / max(share.sum(), 1.0)]
-    seen = row.evidence.candidate
-    true_cell = row.true_cell[seen]
-    chosen = np.flatnonzero(~terms.large[seen] & np.isfinite(true_cell))
+    rest: Mask = row.evidence.candidate & ~terms.large & np.isfinite(row.true_cell)
+    chosen = np.flatnonzero(rest)
     if len(chosen) > CELLS_A_ROW:
         chosen = np.random.default_rng(0).choice(chosen, CELLS_A_ROW, replace=False)
     whole = min(ROW_WEIGHT, len(chosen) / CELLS_AS_ONE)
     cell = [
-        terms.cell[chosen],
-        true_cell[chosen],
+        terms.cell.reshape(-1, terms.cell.shape[-1])[chosen],
+        row.true_cell.ravel()[chosen],
         np.full(len(chosen), whole / max(len(chosen), 1)),
     ]
     return surface, cell

@@ -129,7 +129,7 @@ def rows_of_survey(survey: Survey, truth: list[Polygon] | None, folder: Path) ->
         rows.setdefault(change.name, []).append((float(shares[0]), float(shares[1])))
     for name, pairs in rows.items():
         stay, back = (round(float(share), 3) for share in np.mean(pairs, axis=0))
-        yield {"survey": survey.name, "change": name, "builds": len(shares), "stay": stay, "back": back}
+        yield {"survey": survey.name, "change": name, "builds": len(pairs), "stay": stay, "back": back}
     stays = np.mean(met, axis=0)
     yield {
         "survey": survey.name,

@@ -11,7 +11,6 @@ from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.borders import source_side
 from eaves.detect.consensus.evidence import gather_evidence
-from eaves.detect.consensus.half_cells import HalfCells
 from eaves.detect.consensus.segments import find_segments, inner_width
 from eaves.detect.consensus.windows import planes_kernel, window_sum
 from eaves.detect.toolkit.plane_moments import sums_of
@@ -147,7 +146,7 @@ def test_a_terrace_on_a_slope_is_not_a_building() -> None:
 
 def test_the_residual_beside_a_ridge_is_that_of_the_faces() -> None:
     scene, what = two_houses_and_a_tree(8.0).scene()
-    evidence = gather_evidence(HalfCells.of(scene, what == 1, 0.5), (0, 0), Consensus())
+    evidence = gather_evidence(scene, scene.cloud.xyz, what == 1, 0.5, Consensus())
     assert np.median(evidence.residual[evidence.candidate]) < 0.03
     assert (evidence.residual[evidence.candidate] < 0.12).mean() > 0.9
     segments = find_segments(evidence, evidence.candidate & (evidence.residual < 0.12), 0.12, 2.0)

@@ -100,13 +100,12 @@ def test_evidence_is_finite__of_however_few_that_could_be_roofs(window: Cloud, f
     scene, method = scene_of(cloud, whole_cells(cloud.bounds, CELL)), Consensus()
     some = np.flatnonzero(method.candidates(scene))[:fewer]
     candidate = np.isin(np.arange(len(cloud)), some)
-    halves = method.half_cells(scene, candidate)
-    evidence, segments = method.find_surfaces(scene, halves)
+    xyz, evidence, segments = method.find_surfaces(scene, candidate)
     terms = measured_terms(evidence, segments, method.tolerance(scene.spacing), method.judged_by, method)
-    assert np.isfinite(halves.xyz).all()
+    assert np.isfinite(xyz).all()
     assert int(evidence.candidate.sum()) <= fewer
     assert segments.count == 0
-    assert np.isfinite(terms.cell).all()
+    assert np.isfinite(terms.cell[evidence.candidate]).all()
 
 
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning:eaves.units")  # a cell on a wall: 0 / 0

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from eaves.detect.consensus.evidence import Relief, missed_by
+from eaves.detect.consensus.evidence import Evidence, missed_by
 from eaves.model import Mask, Values
 from eaves.raster.groups import neighbour_pairs
 
@@ -15,7 +15,7 @@ UNIT = 100.0
 """Capacities are whole numbers: hundredths of a unit of log odds (a definition, not a threshold)."""
 
 
-def cut_cells(evidence: Relief, odds: Values, sure: float, smoothness: float, max_jump: float) -> Mask:
+def cut_cells(evidence: Evidence, odds: Values, sure: float, smoothness: float, max_jump: float) -> Mask:
     """The building cells (H, W): the labelling of least energy.
 
     The energy is the sum of `odds` (log odds for a building, (H, W)) over the cells called otherwise, and of
@@ -53,7 +53,7 @@ def cut_cells(evidence: Relief, odds: Values, sure: float, smoothness: float, ma
 def source_side(
     gain: Values, loss: Values, pairs: tuple[NDArray[np.int32], NDArray[np.int32], Values]
 ) -> Mask:
-    """Mask (N,) of the nodes that the minimum cut leaves with the source.
+    """Mask (N,) of the nodes that the least cut leaves with the source.
 
     `gain` and `loss` (N,) are the prices of cutting a node off the source and off the sink; `pairs` holds two
     nodes and the price of parting them, (P,) each.
@@ -77,8 +77,8 @@ def source_side(
     return side[:count]
 
 
-def continuity(evidence: Relief, one: NDArray[np.int64], two: NDArray[np.int64]) -> Values:
-    """Distance (m) by which the highest points of neighbouring cells (K,) miss each other's surface, the
+def continuity(evidence: Evidence, one: NDArray[np.int64], two: NDArray[np.int64]) -> Values:
+    """Distance (m) by which the highest points of neighbouring cells (K,) miss each other's surface: the
     least of both ways."""
     top = evidence.top.ravel()
     return np.minimum(missed_by(evidence, one, two, top[two]), missed_by(evidence, two, one, top[one]))

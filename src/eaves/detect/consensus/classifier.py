@@ -94,25 +94,25 @@ fitted."""
 
 
 class EvidenceRules(Method):
-    """Rules by which the evidence is weighed, beside the weights."""
+    """Rules for weighing the evidence, beside the weights."""
 
     enclosed: float = parameter(
         6.0,
-        "Radius within which an object on a roof has roof on all sides, unlike a tree beside one; also "
-        "the distance by which a plane is extended below a crown.",
+        "What stands on a roof has roof on all sides within so much, a tree beside one has not; and so far a "
+        "plane is carried on below a crown.",
         unit="m",
         gt=0.0,
     )
     small_surface: float = parameter(
-        2.0, "Smallest surface that says more than its cells do.", unit="m²", ge=0.0
+        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
     )
     rounds: int = parameter(
         3,
-        "Rounds of measuring echoes and penetration; after three they change by less than 1 %.",
+        "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
         ge=0,
     )
     most_log_ratio: float = parameter(
-        4.0, "Largest log-likelihood ratio of echoes or penetration: fifty to one.", gt=0.0
+        4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
     )
     even_area: float = parameter(
         20.0,
@@ -121,13 +121,13 @@ class EvidenceRules(Method):
         ge=0.0,
     )
     even_residual: float = parameter(
-        0.25, "Largest residual of such a surface, in multiples of `max_residual`.", ge=0.0
+        0.25, "The residual of such a surface is at most so many times `max_residual`.", ge=0.0
     )
 
 
 def smooth_share(candidate: Mask, smooth: Mask) -> Values:
     """Share (H, W) of the candidate cells in a square around each that are smooth, two windows and the cell
-    between wide: roof cells have smooth neighbours, while in a crown planes fit here and there by chance."""
+    between wide: roofs keep company, while in a crown a plane fits here and there by chance."""
     size = 2 * WINDOW + 1
     around = ndimage.uniform_filter(candidate.astype(np.float64), size, mode="constant")
     alike = ndimage.uniform_filter((smooth & candidate).astype(np.float64), size, mode="constant")
@@ -135,7 +135,7 @@ def smooth_share(candidate: Mask, smooth: Mask) -> Values:
 
 
 def enclosure(roofs: Mask, steps: int) -> Values:
-    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) is within `steps` of each."""
+    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) is within so many steps of each."""
     rows, columns = roofs.shape
     found = np.zeros(roofs.shape)
     for down, right in ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)):
@@ -164,36 +164,35 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
 
 
 def beside_roofs(evidence: Evidence, roofs: Mask, reach: float) -> tuple[Values, Values]:
-    """Distance (m) of each of M candidate cells from the nearest of `roofs` (H, W), (M,), and height (m) of
-    its highest point over the plane of that cell, extended, (M,); 0 where no roof is within `reach`."""
-    seen = np.flatnonzero(evidence.candidate)
+    """Distance (m) of each cell (H, W) from the nearest of `roofs` (H, W), and how high (m) its highest
+    point is over the plane of that cell, carried on; a height of 0 where no roof is within `reach` (m)."""
     if not roofs.any():
-        return np.full(len(seen), np.inf), np.zeros(len(seen))
-    steps, (row, column) = ndimage.distance_transform_edt(~roofs, return_indices=True)
-    distance, over = steps.ravel()[seen] * evidence.cells.side, np.zeros(len(seen))
-    near = np.flatnonzero(distance < reach)
-    cells = seen[near]
-    nearest = row.ravel()[cells].astype(np.int64) * evidence.shape[1] + column.ravel()[cells]
-    over[near] = evidence.top.ravel()[cells] - level_at(evidence, nearest, cells)
-    return distance, over
+        return np.full(evidence.shape, np.inf), np.zeros(evidence.shape)
+    steps, nearest = ndimage.distance_transform_edt(~roofs, return_indices=True)
+    distance = steps * evidence.cells.side
+    cells = np.ravel_multi_index(tuple(nearest), evidence.shape).ravel()
+    level = level_at(evidence, cells, np.arange(cells.size)).reshape(evidence.shape)
+    near = evidence.candidate & (distance < reach)
+    return distance, np.where(near, evidence.top, level) - level
 
 
 def cell_shape(
     evidence: Evidence, company: Values, enclosed: Values, roofs: Mask, reach: float, max_residual: float
 ) -> Values:
-    """The terms of shape of the M candidate cells (M, 7) as if in no surface, in the order of `CELL_SHAPE`:
-    bushes are low, crowns rough, far from roofs and higher than these would go on."""
-    seen, (distance, over) = evidence.candidate, beside_roofs(evidence, roofs, reach)
-    return np.column_stack(
+    """The terms of shape of cells (H, W, 7) in no surface, in the order of `CELL_SHAPE`: bushes are low,
+    crowns rough, far from roofs and higher than these would go on."""
+    distance, over = beside_roofs(evidence, roofs, reach)
+    return np.stack(
         [
-            np.ones(np.count_nonzero(seen)),
-            np.clip(np.log(np.clip(evidence.residual[seen], 1e-4, 10.0) / max_residual), -1.5, 2.0),
-            np.clip(evidence.height[seen] - STOREY_M, -1.5, 0.0),
-            company[seen],
-            enclosed[seen],
+            np.ones(evidence.shape),
+            np.clip(np.log(np.clip(evidence.residual, 1e-4, 10.0) / max_residual), -1.5, 2.0),
+            np.clip(evidence.height - STOREY_M, -1.5, 0.0),
+            company,
+            enclosed,
             np.clip(distance - WINDOW / 2 * evidence.cells.side, 0.0, 3.0),
             np.clip(over, 0.0, 4.0),
-        ]
+        ],
+        axis=-1,
     )
 
 
@@ -214,7 +213,7 @@ class Separation:
 
     @property
     def power(self) -> float:
-        """Power of the measure to tell roofs from crowns: 0 for none, 1 for no mistake."""
+        """Power of the measure to part roofs from crowns: 0 none, 1 without mistake."""
         distance = self.trust * ((self.roof - self.crown) / self.spread) ** 2
         return distance / (1.0 + distance)
 
@@ -234,7 +233,7 @@ def separate(value: Values, roof: Values) -> Separation:
     """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
 
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
-    a scan proves nothing there. The cells of a window share its points and are one observation.
+    a scan is no witness there. The cells of a window share its points and are one observation.
     """
     crown = 1.0 - roof
     weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
@@ -254,7 +253,7 @@ def separate(value: Values, roof: Values) -> Separation:
 
 
 class Told(NamedTuple):
-    """Log-likelihood ratios of places from returns and penetration."""
+    """Log-likelihood ratios from returns and penetration at places."""
 
     several: Values
     """Share (...) of points of pulses with several returns."""
@@ -262,7 +261,7 @@ class Told(NamedTuple):
     """Share (...) of points that reach the ground."""
     echoes: Separation
     penetration: Separation
-    """Separation of roofs and crowns by either in this scan."""
+    """What either tells in this very scan."""
     most: float
     """The log likelihood ratio of either, at most."""
 
@@ -280,17 +279,12 @@ def with_echoes(shape: Values, told: Told) -> Values:
     return np.concatenate([shape, told.echoes.power * shape, *ratios], axis=-1)
 
 
-def weigh_shape(shape: Values, weights: Weights) -> Values:
-    """Log odds (2, M) of the shape (M, S) of cells: what it says, and says more in so far as echoes tell."""
-    return np.asarray(np.reshape(weights.cell[:-2], (2, -1)) @ shape.T, np.float64)
-
-
-def cell_odds(weighed: Values, told: Told, weights: Weights) -> Values:
-    """Log odds (M,) of cells in no surface: the terms of `with_echoes`, weighed without being drawn up; their
-    shape was, by `weigh_shape`."""
-    *_, of_echoes, of_penetration = weights.cell
+def cell_odds(shape: Values, told: Told, weights: Weights) -> Values:
+    """Log odds (...) of cells in no surface: the terms of `with_echoes`, weighed without being drawn up."""
+    *of_terms, of_echoes, of_penetration = weights.cell
+    of_shape, with_power = np.reshape(of_terms, (2, -1))
     echoes, penetration = told.log_ratios
-    odds = weighed[0] + told.echoes.power * weighed[1]
+    odds = shape @ (of_shape + told.echoes.power * with_power)
     odds += of_echoes * echoes
     odds += of_penetration * penetration
     return np.asarray(odds, np.float64)
@@ -298,35 +292,27 @@ def cell_odds(weighed: Values, told: Told, weights: Weights) -> Values:
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The terms of surfaces (K, T) and of the M candidate cells; `large` (H, W) marks the cells that their
-    surface speaks for, `shape` (M, S) is that of `cell_shape`."""
+    """The terms of surfaces (K, T) and of cells; `large` (H, W) marks the cells that their
+    surface speaks for, `shape` (H, W, S) is that of `cell_shape`."""
 
     surface: Values
     shape: Values
     told: Told
     large: Mask
-    measures: tuple[Separation, ...]
-    """What echoes and penetration tell of cells, and of those in the middle of surfaces."""
 
     @property
     def cell(self) -> Values:
-        """The terms (M, T) of the cells."""
+        """The terms (H, W, T) of the cells."""
         return with_echoes(self.shape, self.told)
 
 
 def measured_terms(
-    evidence: Evidence,
-    segments: Segments,
-    max_residual: float,
-    weights: Weights,
-    limits: EvidenceRules,
-    known: tuple[Separation, ...] = (),
+    evidence: Evidence, segments: Segments, max_residual: float, weights: Weights, limits: EvidenceRules
 ) -> Terms:
     """The terms of all surfaces and cells, with what echoes and penetration tell in this very scan.
 
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
-    separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]). What is
-    `known` of the scan from another placement of the cells is not measured again.
+    separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
     """
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     seen, most = evidence.candidate, limits.most_log_ratio
@@ -338,21 +324,18 @@ def measured_terms(
     even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
     several, through = evidence.multi_return_share, evidence.penetration
     inner = least_around(several, seen), least_around(through, seen)  # surfaces are judged by their inside
-    of_inner = [mean_in(segments.label, segments.count, measure) for measure in inner]
-    weighed = weigh_shape(of_cells, weights)
-    values = [measure[seen] for measure in (several, through, *inner)]
-    measures = known or (nothing(),) * len(values)
-    for rounds_left in range(0 if known else limits.rounds, -1, -1):
-        echoes, penetration, inner_echoes, inner_penetration = measures
-        told = Told(of_inner[0], of_inner[1], inner_echoes, inner_penetration, most)
+    of_seen, values = of_cells[seen], [measure[seen] for measure in (several, through, *inner)]
+    echoes = penetration = inner_echoes = inner_penetration = nothing()
+    for rounds_left in range(limits.rounds, -1, -1):
+        told = Told(segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration, most)
         surface = without_objections(with_echoes(of_surfaces, told), even, weights)
         if not rounds_left:
             break
         of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][segments.label[seen]]
-        of_cell = cell_odds(weighed, Told(values[0], values[1], echoes, penetration, most), weights)
+        of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
         likely = 1.0 / (1.0 + np.exp(-np.where(large[seen], of_surface, of_cell)))
-        measures = tuple(separate(value, likely) for value in values)
-    return Terms(surface, of_cells, Told(values[0], values[1], echoes, penetration, most), large, measures)
+        echoes, penetration, inner_echoes, inner_penetration = (separate(value, likely) for value in values)
+    return Terms(surface, of_cells, Told(several, through, echoes, penetration, most), large)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:
@@ -373,7 +356,7 @@ def surface_odds(segments: Segments, terms: Values, weights: Weights, sure: floa
 
 
 def score_regions(region: Labels, odds: Values, weight: ScoreWeights) -> Values:
-    """Score of each region 1…K of (H, W), 0 to 1, from its cells' mean odds (H, W)."""
+    """Certainty, 0 to 1, of each region 1…K of (H, W), from its cells' mean odds (H, W)."""
     size = np.bincount(region.ravel())[1:]
     total = np.bincount(region.ravel(), weights=np.clip(odds, -8.0, 8.0).ravel())[1:]
     sure = weight.constant + weight.odds * total / np.maximum(size, 1)

@@ -121,6 +121,10 @@ def doubt_at(evidence: Evidence, around: tuple[slice, slice], mask: Mask, cells:
 
 
 def outside_of(empty: Mask) -> Mask:
-    """The empty cells (H, W) that are connected with the margin of the grid."""
-    found, _ = ndimage.label(empty)
-    return np.asarray(found == found[0, 0], np.bool_)
+    """The empty cells (H, W) that are connected with the border of the grid."""
+    found, count = ndimage.label(empty)
+    border = np.zeros(count + 1, bool)
+    for line in (found[0], found[-1], found[:, 0], found[:, -1]):
+        border[line] = True
+    border[0] = False
+    return np.asarray(border[found], np.bool_)

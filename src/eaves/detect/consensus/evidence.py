@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.detect.consensus.half_cells import CellsOfFour, HalfCells
 from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import sums_of
-from eaves.model import Labels, Mask, Values
+from eaves.model import Labels, Mask, Points, Scene, Values
 
 
 @dataclass(frozen=True, eq=False)
-class Relief:
-    """Rasters (H, W) of heights and planes over the cells; values mean nothing where `candidate` is False."""
+class Evidence:
+    """Rasters (H, W) over the cells; values mean nothing where `candidate` is False."""
 
-    cells: Cells | CellsOfFour
+    cells: Cells
     candidate: Mask
     """Cells with at least one point that could be a roof."""
     top: Values
@@ -33,18 +32,6 @@ class Relief:
     north: Values
     level: Values
     """The best window's plane: slopes and its height at the middle of the cell."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the cells."""
-        return self.cells.shape
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence(Relief):
-    """The relief of the cells, and what else speaks for or against a roof in each, (H, W)."""
-
-    cells: CellsOfFour
     multi_return_share: Values
     """Share of the window's candidate points whose pulse had several returns; 0 without returns."""
     penetration: Values
@@ -52,31 +39,50 @@ class Evidence(Relief):
     height: Values
     """Mean height (m) of the cell's candidate points over the terrain."""
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the cells."""
+        return self.cells.shape
 
-def gather_evidence(halves: HalfCells, step: tuple[int, int], limits: WindowRules) -> Evidence:
-    """Evidence on cells of two by two half cells, in the placement of that step."""
-    cells = CellsOfFour.of(halves.cells, step)
-    place = cells.of_half.ravel()[halves.place]
-    sums = sums_of(halves.candidates, place, cells.size).reshape(*cells.shape, 10)
-    count = sums[..., 0]
+
+def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, limits: WindowRules) -> Evidence:
+    """Evidence on cells of the given side (m).
+
+    `candidate` (N,) marks the points that could be roofs; xyz (N, 3) counts heights from a level near them.
+    """
+    cells = Cells.of(xyz, side)
+    shape = cells.shape
+    chosen, low = np.flatnonzero(candidate), np.flatnonzero(~candidate & ~scene.cloud.noise)
+    cell = cells.cell[chosen]
+    sums = sums_of(xyz[chosen], cell, cells.size).reshape(*shape, 10)
     slope_east, slope_north, level, residual = best_planes(sums, cells, limits)
-    around, under = window_sum(count), window_sum(cells.sum(halves.other))
+
+    def counted(points: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.bincount(cells.cell[points], minlength=cells.size).reshape(shape)
+
+    def highest(points: Mask) -> Values:
+        return cells.extreme(np.where(points, xyz[:, 2], -np.inf)).reshape(shape)
+
+    count, returns = counted(chosen), scene.cloud.number_of_returns
+    around, under = window_sum(count), window_sum(counted(low))
+    many = chosen[:0] if returns is None else chosen[returns[chosen] > 1]
+    height = np.bincount(cell, weights=scene.height[chosen], minlength=cells.size).reshape(shape)
     return Evidence(
         cells=cells,
         candidate=count > 0,
-        top=cells.highest(halves.top),
-        low=cells.highest(halves.low),
+        top=highest(candidate),
+        low=highest(~candidate & ~scene.cloud.noise),
         residual=residual,
         east=slope_east,
         north=slope_north,
         level=level,
-        multi_return_share=window_sum(cells.sum(halves.several)) / np.maximum(around, 1),
+        multi_return_share=window_sum(counted(many)) / np.maximum(around, 1),
         penetration=under / np.maximum(under + around, 1),
-        height=cells.sum(halves.height) / np.maximum(count, 1),
+        height=height / np.maximum(count, 1),
     )
 
 
-def level_at(evidence: Relief, cells: NDArray[np.int64], towards: NDArray[np.int64]) -> Values:
+def level_at(evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64]) -> Values:
     """Height (K,) of the planes of cells (K,), carried on to the middles of the cells `towards` (K,)."""
     row, column = np.divmod(cells, evidence.shape[1])
     to_row, to_column = np.divmod(towards, evidence.shape[1])
@@ -86,7 +92,7 @@ def level_at(evidence: Relief, cells: NDArray[np.int64], towards: NDArray[np.int
 
 
 def missed_by(
-    evidence: Relief, cells: NDArray[np.int64], towards: NDArray[np.int64], height: Values
+    evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64], height: Values
 ) -> Values:
     """Distance (m, (K,)) by which heights in the cells `towards` (K,) miss the surface of `cells` (K,): the
     plane extended, if they have one, or the highest point."""

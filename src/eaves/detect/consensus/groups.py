@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Relief, missed_by
+from eaves.detect.consensus.evidence import Evidence, missed_by
 from eaves.model import Labels, Mask, Values
 from eaves.raster.groups import neighbour_pairs
 from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
 
 
-def without_narrow_parts(building: Mask, evidence: Relief, least: float) -> Mask:
+def without_narrow_parts(building: Mask, evidence: Evidence, least: float) -> Mask:
     """The building cells (H, W) without parts that no square of a side `least` (m) fits into.
 
     What lies within half that square of one that fits stays, so corners and eaves do, and so does all that is
@@ -31,7 +31,7 @@ def without_narrow_parts(building: Mask, evidence: Relief, least: float) -> Mask
     return np.asarray(building & (near | ~broad[group]))
 
 
-def attached_share(evidence: Relief, region: Labels, count: int, continues: float) -> Values:
+def attached_share(evidence: Evidence, region: Labels, count: int, continues: float) -> Values:
     """Share (count + 1,) of the rim of each region 0…`count` of cells (H, W) where terrain continues it: a
     roof ends at a step, a rock does not.
 

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
     EvidenceRules,
-    Separation,
+    Terms,
     Weights,
     cell_odds,
     measured_terms,
     read_weights,
     score_regions,
     surface_odds,
-    weigh_shape,
 )
 from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
-from eaves.detect.consensus.evidence import Evidence, Relief, gather_evidence
+from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
-from eaves.detect.consensus.half_cells import STEPS, HalfCells
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
-from eaves.detect.consensus.placements import HalfRelief, Placement, Together, mean_of_placements
 from eaves.detect.consensus.segments import Segments, find_segments
 from eaves.detect.consensus.unseen_roofs import VoidRules, find_hidden_roofs, find_roof_voids
 from eaves.detect.consensus.windows import WindowRules
@@ -36,9 +31,7 @@ from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.cloud import WATER
-from eaves.model.doubt import Doubt
 from eaves.model.scene import ROOF
-from eaves.raster.squares import closed_by_square
 
 CELL_SPACINGS, WIDE_CELL_M, LEAST_CELL_M = 1.4, 1.0, 0.5
 """The rule for `cell`: its width in spacings up to a wide cell (m), above it one spacing, and at least so
@@ -63,16 +56,15 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     How much echoes and penetration count is measured in the scan itself, by how far they lie apart on its
     own roofs and crowns: a scan that does not split pulses is judged by shape, and nothing jumps in
     between. No crown is large and even: there echoes do not speak against a roof of glass or slats. A
-    hole in the data with a level, raised rim is a roof of glass or water. All this is measured with four
-    placements of the cells, half a cell apart, for where a cell begins is chance; on half cells, with the
-    mean of the odds, a graph cut then finds the labelling of least energy, in which neighbours whose surfaces
-    continue each other want the same label and a jump in height lets them part.
+    hole in the data with a level, raised rim is a roof of glass or water. A graph cut then finds the
+    labelling of least energy, in which neighbours whose surfaces continue each other want the same label
+    and a jump in height lets them part.
     Connected cells with a core of roof surfaces are buildings, unless most of their rim goes on in the
     terrain; their planes are carried on below crowns; narrow long ones with a level top are vehicles.
 
     Formula
     -------
-    Energy: Σ_halfcells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
+    Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
     where d is how far the highest points miss each other's surface. Log likelihood ratio of a share v of
     several returns: trust · (μ_roof - μ_crown) / σ² · (v - (μ_roof + μ_crown) / 2), the means and σ over the
     cells of the scene, found with the odds by expectation maximisation; likewise penetration.
@@ -97,7 +89,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     Complexity
     ----------
-    Linear in points and cells, four times, but for the cut, which runs over the undecided half cells only.
+    Linear in points and cells but for the cut, which runs over the undecided cells only.
 
     References
     ----------
@@ -112,12 +104,13 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     cell: float | None = parameter(
         None,
-        "Side of a cell, whose halves are decided on; default: 1.4 spacings up to 1, beyond it one spacing, "
-        "at least 0.5.",
+        "Side of a cell; default: 1.4 spacings up to 1, beyond it one spacing, at least 0.5.",
         unit="m",
         gt=0.0,
     )
-    min_height: float = parameter(1.5, "Least height of roof points over the terrain.", unit="m", ge=0.0)
+    min_height: float = parameter(
+        1.5, "Points lower than this over the terrain are no roof.", unit="m", ge=0.0
+    )
     max_residual: float | None = parameter(
         None,
         "A window whose plane has a larger RMSE is no surface, and planes of neighbouring cells that differ "
@@ -126,13 +119,13 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         gt=0.0,
     )
     smoothness: float = parameter(
-        2.5, "Penalty (log odds) for two neighbours of different classes.", symbol="λ", ge=0.0
+        2.5, "Price (log odds) of two neighbours called differently.", symbol="λ", ge=0.0
     )
     max_jump: float = parameter(
-        0.7, "Height jump at which neighbours are separated easily.", unit="m", symbol="s", gt=0.0
+        0.7, "A jump in height at which neighbours part easily.", unit="m", symbol="s", gt=0.0
     )
     max_attached: float = parameter(
-        0.5, "Share of a region's rim continued by the terrain above which it is rock.", ge=0.0, le=1.0
+        0.5, "A region that goes on in the terrain along a larger share of its rim is rock.", ge=0.0, le=1.0
     )
     weights: str | None = parameter(
         None,
@@ -141,22 +134,18 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     )
     room: float = parameter(
         ROOM_M,
-        "Width of the largest square in a part of a building below which it is a fence or hedge: a room "
-        "is wider.",
+        "Parts of a building that no square so wide fits into are fences and hedges: a room is wider.",
         unit="m",
         ge=0.0,
     )
     continues: float = parameter(
         0.3,
-        "Distance from a region's extended surface below which terrain continues it: two steps of a stair.",
+        "Terrain that misses a region's carried-on surface by less goes on from it: two steps of a stair.",
         unit="m",
         gt=0.0,
     )
     wall_below_plane: float = parameter(
-        0.5,
-        "Depth under its cell's plane from which a point at a building's rim is on the wall.",
-        unit="m",
-        gt=0.0,
+        0.5, "At a building's rim a point this far under its cell's plane is on the wall.", unit="m", gt=0.0
     )
 
     @property
@@ -167,79 +156,39 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         candidate = self.candidates(scene)
         if int(candidate.sum()) < self.window_points:
             return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
-        halves = self.half_cells(scene, candidate)
-        first = self.measure(scene, halves, STEPS[0])
-        others = [self.measure(scene, halves, step, first.measures) for step in STEPS[1:]]
-        placements = [first, *others]
-        emit("residual", first.evidence.residual)
-        emit("segments", first.segments.label)
-        together = mean_of_placements(placements, halves, 2.0 * self.most_log_ratio)
-        emit("odds", together.odds)
-        building = self.settle(together)
-        emit("cut", building)
-        half = together.relief
-        region, attached, rocks = self.keep_buildings(building, together.roof, half)
+        xyz, evidence, segments = self.find_surfaces(scene, candidate)
+        emit("residual", evidence.residual)
+        emit("segments", segments.label)
+        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), self.judged_by, self)
+        building, roof, void, odds = self.settle(evidence, segments, terms, emit)
+        region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
-        hidden = self.hidden_roofs(scene, placements, halves, region)
+        surface = roof & (segments.label > 0)
+        most = self.tolerance(scene.spacing)
+        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, most, self.enclosed)
         emit("hidden", hidden)
-        regions = self.regions_of(scene, halves.xyz, half, region, hidden, together.odds)
-        return regions.with_doubts(self.doubts(scene, first, region, rocks, attached, regions.score))
-
-    def doubts(
-        self,
-        scene: Scene,
-        placement: Placement,
-        region: Labels,
-        rocks: Labels,
-        attached: Values,
-        score: Values,
-    ) -> list[Doubt]:
-        """Doubts about the regions and the rocks on half cells (h, w), and about roofs without points."""
-        evidence = placement.evidence
-        region, rocks = (evidence.cells.highest(label) for label in (region, rocks))
+        regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)
-        crowns_pass = placement.measures[0].power < 0.5  # the means are less than one spread apart
-        roofs = placement.roof if crowns_pass else np.zeros_like(placement.roof)
-        found = void_doubts(evidence, placement.void & (region > 0))
-        for groups, sure, uneven in (
-            (region, score, unevenness_of(evidence, roofs)),
+        crowns_pass = terms.told.echoes.power < 0.5  # the means are less than one spread apart
+        roofs = surface if crowns_pass else np.zeros_like(surface)
+        doubts = void_doubts(evidence, void & (region > 0))
+        for groups, score, uneven in (
+            (region, regions.score, unevenness_of(evidence, roofs)),
             (rocks, np.zeros(rocks.max(initial=0)), np.full(evidence.shape, np.nan)),
         ):
-            found += region_doubts(evidence, groups, sure, attached, water, self.max_attached, uneven, self)
-        return found
+            doubts += region_doubts(evidence, groups, score, attached, water, self.max_attached, uneven, self)
+        return regions.with_doubts(doubts)
 
-    def measure(
-        self,
-        scene: Scene,
-        halves: HalfCells,
-        step: tuple[int, int],
-        known: tuple[Separation, ...] = (),
-    ) -> Placement:
-        """Measurements of the cells in the placement of that step; what echoes tell may be known."""
-        weights = self.judged_by
-        evidence, segments = self.find_surfaces(scene, halves, step)
-        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), weights, self, known)
-        of_surface = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
-        of_surface = np.r_[0.0, of_surface][segments.label]
-        odds = of_surface.copy()
-        odds[evidence.candidate] = cell_odds(weigh_shape(terms.shape, weights), terms.told, weights)
-        odds = np.where(terms.large, of_surface, odds)
-        void, rims = find_roof_voids(evidence, self)
-        return Placement(evidence, segments, odds, of_surface, void, rims, terms.measures)
-
-    def half_cells(self, scene: Scene, candidate: Mask) -> HalfCells:
-        """Statistics of the points in half cells; `candidate` (N,) marks those that could be roofs."""
+    def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
+        """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
+        z = scene.cloud.xyz[:, 2]
+        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(z.min(where=candidate, initial=z.max()))]
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
-        return HalfCells.of(scene, candidate, side)
-
-    def find_surfaces(
-        self, scene: Scene, halves: HalfCells, step: tuple[int, int] = STEPS[0]
-    ) -> tuple[Evidence, Segments]:
-        """The evidence of the cells in one placement, and their smooth surfaces."""
-        evidence, most = gather_evidence(halves, step, self), self.tolerance(scene.spacing)
+        evidence = gather_evidence(scene, xyz, candidate, side, self)
+        most = self.tolerance(scene.spacing)
         smooth = evidence.candidate & (evidence.residual < most)
-        return evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
+        return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
 
     def tolerance(self, spacing: float) -> float:
         """The largest residual (m) of a surface in a scan of that spacing (m)."""
@@ -249,19 +198,33 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         """The points (N,) that could be roofs."""
         return (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
 
-    def settle(self, together: Together) -> Mask:
-        """The building half cells (h, w); empty ones between them count as building."""
-        relief = together.relief
-        cut = cut_cells(relief, together.odds, self.most_log_ratio, self.smoothness, self.max_jump)
-        building = together.void | together.rims | cut
-        return np.asarray(building | (closed_by_square(building, 3) & ~relief.candidate), np.bool_)
+    def settle(
+        self,
+        evidence: Evidence,
+        segments: Segments,
+        terms: Terms,
+        emit: Emit = ignore,
+    ) -> tuple[Mask, Mask, Mask, Values]:
+        """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
+        cell; (H, W) each."""
+        weights = self.judged_by
+        emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
+        emitted = np.r_[0.0, emitted][segments.label]
+        odds = np.where(terms.large, emitted, cell_odds(terms.shape, terms.told, weights))
+        emit("odds", odds)
+        void, rims = find_roof_voids(evidence, self)
+        roof = (emitted > 0.0) | void
+        sure = 2.0 * self.most_log_ratio  # both measures, at their most
+        building = void | rims | cut_cells(evidence, odds, sure, self.smoothness, self.max_jump)
+        emit("cut", building)
+        return building, roof, void, odds
 
     @property
     def judged_by(self) -> Weights:
         """The weights of the evidence."""
         return FITTED if self.weights is None else read_weights(self.weights)
 
-    def keep_buildings(self, building: Mask, roof: Mask, evidence: Relief) -> tuple[Labels, Values, Labels]:
+    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
         share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
         not without doubt."""
@@ -280,27 +243,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
         return chosen(good & loose), attached, chosen(rock)
 
-    def hidden_roofs(
-        self, scene: Scene, placements: Sequence[Placement], halves: HalfCells, region: Labels
-    ) -> NDArray[np.int32]:
-        """The region of each point (N,) that most placements find on a building's plane below a crown."""
-        times, number = np.zeros(len(scene.cloud), np.int32), np.zeros(len(scene.cloud), np.int32)
-        for one in placements:
-            found = find_hidden_roofs(
-                one.evidence,
-                halves.xyz,
-                ~scene.cloud.noise,
-                one.evidence.cells.highest(region),
-                one.roof,
-                self.tolerance(scene.spacing),
-                self.enclosed,
-            )
-            times += found > 0
-            np.maximum(number, found, out=number)
-        return np.where(2 * times > len(placements), number, 0).astype(np.int32)
-
     def regions_of(
-        self, scene: Scene, xyz: Points, evidence: HalfRelief, region: Labels, hidden: Labels, odds: Values
+        self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
     ) -> Regions:
         """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
@@ -325,8 +269,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
 def wet_cells(scene: Scene, evidence: Evidence) -> Mask:
     """The cells (H, W) with a point that the scene calls water."""
-    half, classes = evidence.cells.half, scene.cloud.classification
-    water = np.zeros(half.size, bool)
+    water = np.zeros(evidence.cells.size, bool)
+    classes = scene.cloud.classification
     if classes is not None:
-        water[half.cell[classes == WATER]] = True
-    return np.asarray(evidence.cells.highest(water.reshape(half.shape)), np.bool_)
+        water[evidence.cells.cell[classes == WATER]] = True
+    return water.reshape(evidence.shape)

@@ -24,6 +24,9 @@ class Segments:
     """Side (m) of about the largest square that fits inside."""
     residual: Values
     """Mean RMSE (m) of its cells' planes."""
+    multi_return_share: Values
+    penetration: Values
+    """Means of the cells' evidence."""
     height: Values
     """Mean height over the terrain (m)."""
     tall: Values
@@ -44,12 +47,14 @@ def find_segments(evidence: Evidence, smooth: Mask, max_gap: float, tall_height:
     )
     joined = gap < max_gap
     label, count = group_cells(smooth, one[joined], two[joined])
-    side = evidence.cells.side
+    side, seen = evidence.cells.side, evidence.candidate
     return Segments(
         label=label,
         area=np.asarray(np.bincount(label[smooth], minlength=count + 1)[1:] * (side * side), np.float64),
         width=inner_width(label, count) * side,
-        residual=mean_in(label, count, evidence.residual),
+        residual=mean_in(label, count, np.where(smooth, evidence.residual, 0.0)),
+        multi_return_share=mean_in(label, count, least_around(evidence.multi_return_share, seen)),
+        penetration=mean_in(label, count, least_around(evidence.penetration, seen)),
         height=mean_in(label, count, evidence.height),
         tall=mean_in(label, count, evidence.height >= tall_height),
     )

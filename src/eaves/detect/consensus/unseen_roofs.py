@@ -43,7 +43,7 @@ def find_roof_voids(evidence: Evidence, limits: VoidRules) -> tuple[Mask, Mask]:
     likely = (np.bincount(found[ndimage.binary_erosion(empty)], minlength=count + 1) > 0) & (
         area >= MIN_AREA_M2
     )
-    likely[[0, found[0, 0]]] = False  # cells with points, and all that lies outside the data
+    likely[0] = False
     void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
     for _, around, hole in groups_of(np.where(likely[found], found, 0)):
         rim = grown_by_square(hole, 3) & ~hole
@@ -112,8 +112,8 @@ def find_hidden_roofs(
         hidden[front] = owner[front] = owner[source]
         open_[front] = False
 
-    found, some = np.zeros(len(xyz), np.int32), np.flatnonzero(hidden)
-    which, points = evidence.cells.points_of(some)
-    on_plane = usable[points] & (np.abs(above_plane(points, some[which])) <= tolerance)
-    found[points[on_plane]] = hidden[some[which[on_plane]]]
+    found = np.zeros(len(xyz), np.int32)
+    inside = np.flatnonzero((hidden[evidence.cells.cell] > 0) & usable)
+    inside = inside[np.abs(above_plane(inside, evidence.cells.cell[inside])) <= tolerance]
+    found[inside] = hidden[evidence.cells.cell[inside]]
     return found

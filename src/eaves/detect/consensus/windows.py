@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.detect.toolkit.cells import SquareCells
+from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import Sums
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
@@ -34,7 +34,7 @@ class WindowRules(Method):
     )
 
 
-def best_planes(sums: Sums, cells: SquareCells, limits: WindowRules) -> tuple[Values, Values, Values, Values]:
+def best_planes(sums: Sums, cells: Cells, limits: WindowRules) -> tuple[Values, Values, Values, Values]:
     """The best window's plane of each cell: slopes, height at the cell's middle, residual; (H, W) each.
 
     Every cell lies in nine windows of three by three cells and in four of two by two; near a ridge or an
@@ -53,7 +53,7 @@ def best_planes(sums: Sums, cells: SquareCells, limits: WindowRules) -> tuple[Va
     return best[0], best[1], best[2] + best[0] * x[None, :] + best[1] * y[:, None], best[3]
 
 
-def planes_of_windows(sums: Sums, cells: SquareCells, size: int, limits: WindowRules) -> NDArray[np.float64]:
+def planes_of_windows(sums: Sums, cells: Cells, size: int, limits: WindowRules) -> NDArray[np.float64]:
     """Slopes, height at the origin and residual (4, H · W) of each cell's window; inf where none fits."""
     planes = np.zeros((4, *cells.shape))
     planes[3] = np.inf
@@ -71,24 +71,25 @@ def planes_kernel(
     points, or whose points have a lesser standard deviation in plan, are left alone. `sums` is (H, W, 10).
     """
     rows, columns, channels = sums.shape
-    total, upright = np.empty(channels), np.empty((columns, channels))
+    total, beside = np.empty(channels), np.empty(channels)
     for row in range(rows):
-        upright[:] = 0.0
-        for r in range(max(0, row - 1), min(rows, row + size - 1)):
-            for c in range(columns):
-                for k in range(channels):
-                    upright[c, k] += sums[r, c, k]
+        first, last = max(0, row - 1), min(rows, row + size - 1)
         for column in range(columns):
             left, right = max(0, column - 1), min(columns, column + size - 1)
             n = 0.0
-            for c in range(left, right):
-                n += upright[c, 0]
+            for r in range(first, last):
+                for c in range(left, right):
+                    n += sums[r, c, 0]
             if n < least_points:
                 continue
             total[:] = 0.0
             for c in range(left, right):
+                beside[:] = 0.0
+                for r in range(first, last):
+                    for k in range(channels):
+                        beside[k] += sums[r, c, k]
                 for k in range(channels):
-                    total[k] += upright[c, k]
+                    total[k] += beside[k]
             x, y, z = total[1] / n, total[2] / n, total[3] / n
             xx, xy, xz = total[4] / n - x * x, total[5] / n - x * y, total[6] / n - x * z
             yy, yz, zz = total[7] / n - y * y, total[8] / n - y * z, total[9] / n - z * z

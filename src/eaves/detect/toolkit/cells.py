@@ -16,13 +16,30 @@ WIDEST_CM = 3000
 
 
 @dataclass(frozen=True, eq=False)
-class SquareCells:
-    """Square cells of a `side` (m), numbered row by row, row 0 north."""
+class Cells:
+    """Square cells fixed to the local origin, and the cell of each of N points.
+
+    Cells are numbered row by row, row 0 north. `cell` (N,) is each point's number; the points of cell `c` are
+    `order[start[c] : start[c + 1]]`.
+    """
 
     side: float
     west: float
     north: float
     shape: tuple[int, int]
+    cell: NDArray[np.int64]
+    order: NDArray[np.int64]
+    start: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, xyz: Points, side: float, margin: int = 1) -> Cells:
+        """Cells of the given side (m) that hold N > 0 points (N, 2 or 3), with `margin` empty ones around."""
+        bounds = Bounds.of(xyz)
+        first, last = int(np.floor(bounds.west / side)) - margin, int(np.floor(bounds.north / side)) + margin
+        rows = last - int(np.floor(bounds.south / side)) + 1 + margin
+        columns = int(np.floor(bounds.east / side)) - first + 1 + margin
+        cell, order, start = sort_kernel(xyz, side, first, last, rows, columns)
+        return cls(side, first * side, (last + 1) * side, (rows, columns), cell, order, start)
 
     def raster(self, values: NDArray[Any]) -> Raster:
         """Values of all cells, flat or (H, W), as a raster."""
@@ -32,6 +49,11 @@ class SquareCells:
     def size(self) -> int:
         """Number of cells."""
         return self.shape[0] * self.shape[1]
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """Points in each cell (cells,)."""
+        return np.diff(self.start)
 
     @property
     def neighbours(self) -> NDArray[np.int64]:
@@ -44,36 +66,6 @@ class SquareCells:
         row, column = np.divmod(cells, self.shape[1])
         x, y = self.west + (column + 0.5) * self.side, self.north - (row + 0.5) * self.side
         return np.asarray(np.c_[x, y], np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class Cells(SquareCells):
-    """Square cells fixed to the local origin, and the cell of each of N points.
-
-    `cell` (N,) is each point's number; the points of cell `c` are `order[start[c] : start[c + 1]]`.
-    """
-
-    cell: NDArray[np.int64]
-    order: NDArray[np.int64]
-    start: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, xyz: Points, side: float, margin: int = 1, whole: int = 1) -> Cells:
-        """Cells of the given side (m) that hold N > 0 points (N, 2 or 3), with `margin` empty ones around.
-
-        Their west and north lie on multiples of `whole` cells, as the margin does.
-        """
-        bounds = Bounds.of(xyz)
-        west, south, east, north = (int(np.floor(one / side)) for one in vars(bounds).values())
-        first, last = west // whole * whole - margin, -(-(north + 1) // whole) * whole - 1 + margin
-        rows, columns = last - south + 1 + margin, east - first + 1 + margin
-        cell, order, start = sort_kernel(xyz, side, first, last, rows, columns)
-        return cls(side, first * side, (last + 1) * side, (rows, columns), cell, order, start)
-
-    @property
-    def count(self) -> NDArray[np.int64]:
-        """Points in each cell (cells,)."""
-        return np.diff(self.start)
 
     def total(self, values: Values) -> Values:
         """Sum of the points' values (N,) in each cell (cells,)."""

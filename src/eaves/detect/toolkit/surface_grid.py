@@ -184,8 +184,6 @@ def surface_noise(feature: Values, grid: SurfaceGrid, below: float) -> float:
 
 def mean_in(label: Labels, count: int, values: Values | Mask) -> Values:
     """Mean of values (H, W), or share of a mask (H, W), in each segment 1…`count` of labels (H, W)."""
-    inside = np.flatnonzero(label)
-    number = label.ravel()[inside]
-    size = np.bincount(number, minlength=count + 1)[1:]
-    total = np.bincount(number, weights=values.ravel()[inside], minlength=count + 1)[1:]
+    size = np.bincount(label.ravel(), minlength=count + 1)[1:]
+    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
     return np.asarray(total / np.maximum(size, 1), np.float64)
