@@ -291,6 +291,7 @@ def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
         assert np.abs(np.median(terrain.values[row, column]) - height) < 0.1
     assert set(np.diff(np.unique(lines.height_m)).round(3)) == {0.5}
     assert "unknown format" in one_line(eaves("export", later, "--formats", "nothing"))
+    assert "need a --picture" in one_line(eaves("export", later, "--formats", "obj", "-o", "elsewhere"))
     shutil.rmtree(later)
     assert "the folder of a run" in one_line(eaves("export", later, "--formats", "obj"))
 

@@ -171,6 +171,8 @@ def export(
       eaves export out --site web
     """
     start_log(quiet, verbose)
+    if picture is None and (out, reference, building) != (None, None, None):
+        raise ValueError("export: --out, --reference and --building need a --picture; formats go into OUT")
     lines = []
     if formats is not None:
         from eaves.flow.exports import export_run
