@@ -50,8 +50,9 @@ class PointWindow:
 
     @property
     def file(self) -> NDArray[Any]:
-        """The number (K,) of the file of each point inside the block; of one file nothing is said."""
-        inside = self.inside if len(self.ends) > 1 else self.inside[:0]
+        """The number (K,) of the file of each point inside the block; empty where all are of one file, though
+        others had points here that were superseded."""
+        inside = self.inside if len({0, *self.ends}) > 2 else self.inside[:0]
         return np.searchsorted(self.ends, inside, "right").astype(np.min_scalar_type(len(self.ends)))
 
     def with_ground(self, ground: Mapping[Block, Mapping[str, NDArray[np.uint8]]]) -> PointCloud:
