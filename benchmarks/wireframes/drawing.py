@@ -1,6 +1,6 @@
 """Roofs as wireframes in Wavefront OBJ: corners and the straight edges between them, `v` and `l` lines.
 
-World coordinates in the coordinate system's units, as Building3D's wireframes are; one object a building.
+World coordinates in metres; one object a building, as Building3D's wireframes are.
 Run `python -m benchmarks.wireframes.drawing OUT/buildings.city.jsonl wireframe.obj`.
 """
 
@@ -23,13 +23,10 @@ from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import (
     LOCAL_METRES,
-    NOTHING_KNOWN,
     BuildingModel,
-    CoordinateSystem,
     Failure,
     Integers,
     Points,
-    Provenance,
     Solid,
 )
 from eaves.model.building import ROOF_SURFACE
@@ -231,34 +228,9 @@ def without_straight_corners(
     return {(one, other) for one, ends in beside.items() for other in ends if one < other}
 
 
-def write_obj_wireframe(
-    path: str | Path,
-    models: Iterable[BuildingModel | Failure],
-    system: CoordinateSystem = LOCAL_METRES,
-    provenance: Provenance = NOTHING_KNOWN,
-) -> int:
-    """Write the roofs' corners and edges to `path` (`.obj`); return the number of buildings with a roof.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file; it appears when it is whole.
-    models : iterable of BuildingModel or Failure
-        Buildings in metres about their footprint's origin, taken one by one.
-    system : CoordinateSystem
-        Coordinate system whose units the coordinates are in.
-    provenance : Provenance
-        What the models are made from, which the file then says.
-
-    Returns
-    -------
-    int
-        The number of buildings written; one without a model is a comment with its reason.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be written.
+def write_obj_wireframe(path: str | Path, models: Iterable[BuildingModel | Failure]) -> int:
+    """Write the roofs' corners and edges to `path` (`.obj`), in metres; the number of buildings written. One
+    without a model is a comment with its reason.
 
     Examples
     --------
@@ -269,11 +241,11 @@ def write_obj_wireframe(
     >>> write_obj_wireframe("wireframe.obj", models)
     9
     """
-    unit = np.array(system.unit_m)
     count, start = 0, 1
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"# eaves: corners and edges of roofs; coordinates are in {describe_system(system)}\n")
-        file.write(f"# {provenance.sentence}\n" if provenance else "")
+        file.write(
+            f"# eaves: corners and edges of roofs; coordinates are in {describe_system(LOCAL_METRES)}\n"
+        )
         for number, model in enumerate(models, 1):
             footprint = model.footprint
             name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"
@@ -282,7 +254,7 @@ def write_obj_wireframe(
                 file.write(" ".join(f"# {name} has no roof{reason}".split()) + "\n")
                 continue
             corners, edges = roof_wireframe(model)
-            world = (corners + np.array([*footprint.origin, 0.0])) / unit
+            world = corners + np.array([*footprint.origin, 0.0])
             file.write(f"o {name}\n")
             for row in world:
                 file.write("v " + " ".join(f"{value:.{DECIMALS}f}" for value in row) + "\n")

@@ -139,7 +139,8 @@ def parameter(run: Run, name: str) -> Any:
     """A parameter of a run by its name: of the recipe or one of its methods, an option, or a fact."""
     if hasattr(run.recipe, name.partition(".")[0]):
         return attrgetter(name)(run.recipe)
-    return run.options[name] if name in run.options else getattr(run, name)  # type: ignore[literal-required]
+    options: Mapping[str, object] = run.options
+    return options[name] if name in options else getattr(run, name)
 
 
 class Results(Mapping[Block, Any]):

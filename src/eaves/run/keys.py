@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from eaves.run.code import PACKAGE
+from eaves.run.code import DIGITS, PACKAGE
 
 SUPERSEDED, FLOORS, LARGE, DECKS, GROUND = "superseded", "floors", "large", "decks", "ground"
 REGIONS, BUILDINGS = "regions", "buildings"
@@ -55,10 +55,6 @@ class Mark:
     read: str
     taken: str
     found: str
-
-
-DIGITS = 32
-"""Of a key; processors have SHA-256 built in, so that it is faster than any other of Python's hashes."""
 
 
 def key_of(*taken: Any) -> str:
