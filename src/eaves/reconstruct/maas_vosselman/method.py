@@ -15,7 +15,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.maas_vosselman.primitives import cut_plan
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
+from eaves.reconstruct.moments.building import ParametricBuilding
 from eaves.reconstruct.moments.method import measures
 from eaves.reconstruct.moments.parts import RoofPart, find_parts
 from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
@@ -58,7 +58,8 @@ class MaasVosselman(Reconstructor):
     [maas_vosselman1999] has both algorithms, for standard gable houses and for polyhedral buildings, says
     that a ground plan may be given, and takes one building after the other. Cutting the plan, the choice
     between the two by cover and residuals, and one plan for both are ours. The cover is measured against the
-    area of the plan itself, not of its rectangle. No tolerance is printed.
+    area of the plan itself, not of its rectangle. No tolerance is printed. `houses` says whether the closed
+    solution stands or starts a fit, and whether axes and sizes are those of the plan; walls always are.
 
     Fails where
     -----------
@@ -83,7 +84,7 @@ class MaasVosselman(Reconstructor):
     )
     smallest_primitive: float = parameter(6.0, "Area of the smallest primitive.", unit="m2", gt=0.0)
     houses: Moments = parameter(
-        Moments(), "Method that models a primitive as a standard house.", unit="method"
+        Moments(ground_plan=True), "Method that models a primitive as a standard house.", unit="method"
     )
     faces: PlaneIntersection = parameter(
         PlaneIntersection(), "Method that models the others, by their planar faces.", unit="method"
@@ -121,11 +122,13 @@ class MaasVosselman(Reconstructor):
     def shape(self, piece: Polygon, roof: Points) -> Primitive:
         """The house over a piece of the plan among all roof points (N, 3), if it is a standard one."""
         own = roof[points_inside(roof, piece)]
-        house = fit_building(own, piece)
+        house = self.houses.house_of(own, piece)
         if isinstance(house, Failure):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width
-        house = replace(house, empty_share=1.0 - covered / piece.area)
+        along, across = house.fit.axes(shapely.get_coordinates(piece))
+        edges = (along.min(), along.max(), across.min(), across.max())  # the walls are the plan's
+        house = replace(house, edges=edges, empty_share=1.0 - covered / piece.area)
         parts = find_parts(house, own, self.houses)
         if self.houses.doubt(house, parts, own):
             return Primitive(piece, None, [])
