@@ -38,8 +38,9 @@ class ContourGround(GroundMethod):
     paper prints no number and does not describe the iteration; cell, interval, lengths, and the rule above
     are ours. Closing is read as: a closed contour is not on terrain, which costs hills inside the data;
     length, as that of an open one. The first round of the iteration makes the filter: a mean error of 29.9 %
-    on fourteen scans is 10.3 % after one round and 8.4 % after ten. Where the contours of walls lie over one another, the lowest holds. A block so flat that no
-    contour lies on terrain begins with the lowest point of each cell of `least_length`.
+    on fourteen scans is 10.3 % after one round and 8.4 % after ten. Where the contours of walls lie over one
+    another, the lowest holds. A block so flat that no contour lies on terrain begins with the lowest point of
+    each cell of `least_length`.
 
     Fails where
     -----------

@@ -18,7 +18,13 @@ from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.moments.building import ParametricBuilding
 from eaves.reconstruct.moments.method import measures
 from eaves.reconstruct.moments.parts import RoofPart, find_parts
-from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
+from eaves.reconstruct.moments.solid import (
+    house_segments,
+    name_cells,
+    rectangle_of,
+    to_world,
+    to_world_plane,
+)
 from eaves.reconstruct.plane_intersection import PlaneIntersection, raise_polyhedron, vote
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.evidence import points_inside, seen_roof, support_of
@@ -106,14 +112,15 @@ class MaasVosselman(Reconstructor):
         pieces, cuts = cut_plan(footprint.polygon, self.least_fill, self.smallest_primitive)
         primitives = [self.shape(piece, roof) for piece in pieces]
         emit("primitives", pieces)
-        emit("houses", [primitive.house for primitive in primitives])
-        standard = sum(primitive.house is not None for primitive in primitives)
-        facts = {"primitives": len(primitives), "primitives_by_moments": standard}
-        if standard:
+        houses = [(one.house, one.parts) for one in primitives if one.house is not None]
+        emit("moments", [rectangle_of(house) for house, _ in houses])
+        emit("dormers", [rectangle_of(house, part.edges) for house, parts in houses for part in parts])
+        facts = {"primitives": len(primitives), "primitives_by_moments": len(houses)}
+        if houses:
             answer = self.join(primitives, cuts, points, seen, footprint, planes, ground, emit)
             if answer is not None:
-                if len(primitives) == 1 and primitives[0].house is not None:
-                    facts |= measures(primitives[0].house, primitives[0].parts)
+                if len(primitives) == 1:
+                    facts |= measures(*houses[0])
                 return answer.with_(attributes={**answer.attributes, **facts})
         facts["primitives_by_moments"] = 0
         other = self.faces.model(points, footprint, planes, ground, emit)
