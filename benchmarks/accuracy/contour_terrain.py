@@ -81,7 +81,7 @@ def main() -> None:
     table.append(mean | {name: round(float(np.mean([row[name] for row in table])), 2) for name in columns})  # type: ignore[arg-type]
     keep(
         "contour-terrain",
-        "The terrain of Fc-S: contours told apart, and rounds of refinement",
+        "Terrain of Fc-S",
         table,
         COMMAND,
         "Total error of the ground, in per cent of all points, on whole scans in memory: of the first DTM, "

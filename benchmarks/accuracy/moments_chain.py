@@ -184,7 +184,7 @@ def main() -> None:
     data = Path(os.environ["EAVES_DATA"])
     keep(
         "moments-chain",
-        "The closed solution beside the fit, in the chain of source 5 (delft, plans given)",
+        "Closed solution beside fit",
         list(beside_rows(data)),
         COMMAND,
         "Every primitive of the 92 plans whose fit is a standard house; absolute differences of the closed "
@@ -193,7 +193,7 @@ def main() -> None:
     )
     keep(
         "moments-groups",
-        "Deviation within groups of like houses, by the chain of source 5 (delft)",
+        "Groups of like houses",
         list(group_rows(data)),
         COMMAND,
         "The groups are those of moments-rows; of each house all roof points of the largest primitive of its "
@@ -203,7 +203,7 @@ def main() -> None:
     )
     keep(
         "moments-drawn",
-        "Plain, dormered and asymmetric gables, drawn, by the chain of source 5",
+        "Drawn gables",
         list(drawn_rows()),
         COMMAND,
         f"Mean absolute errors of {HOUSES} houses at 5 points/m² and {NOISE} m of noise, mean and standard "

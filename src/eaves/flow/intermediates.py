@@ -30,7 +30,7 @@ from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
 from eaves.run.store import Store
 
-COLUMNS, PANEL_INCHES, DOTS_AN_INCH = 4, 2.6, 110
+COLUMNS, PANEL_INCHES, TITLE_INCHES, DOTS_AN_INCH = 4, 2.6, 0.3, 110
 
 
 class StepMaps:
@@ -170,12 +170,13 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
 
     count = len(steps.maps) + bool(steps.models)
     rows = -(-count // COLUMNS)
-    figure = Figure((PANEL_INCHES * COLUMNS, PANEL_INCHES * 1.1 * rows), layout="constrained")
     known = {title: np.isfinite(raster.values) for title, raster in steps.maps.items()}
     boxes = [box_of(raster, known[title]) for title, raster in steps.maps.items() if known[title].any()]
     ends = np.array(boxes or [(0.0, 1.0, 0.0, 1.0)])
     west, south = map(float, ends[:, [0, 2]].min(axis=0))
     east, north = map(float, ends[:, [1, 3]].max(axis=0))
+    height = PANEL_INCHES * float(np.clip((north - south) / (east - west), 0.5, 2.0)) + TITLE_INCHES
+    figure = Figure((PANEL_INCHES * COLUMNS, height * rows), layout="constrained")
     for number, (title, raster) in enumerate(steps.maps.items(), 1):
         panel, values = figure.add_subplot(rows, COLUMNS, number), raster.values
         some = values[known[title]]
@@ -216,14 +217,10 @@ def draw_models(panel: Any, models: Sequence[BuildingModel], number: int) -> Non
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     solids = [solid for model in models for solid in model.solids[model.lod]]
-    for surface, colour in (("RoofSurface", "indianred"), ("WallSurface", "lightgrey")):
-        faces = [
-            solid.vertices[list(face.rings[0])]
-            for solid in solids
-            for face in solid.faces
-            if face.surface == surface
-        ]
-        panel.add_collection3d(Poly3DCollection(faces, facecolor=colour, edgecolor="0.3", linewidths=0.2))
+    faces = [(solid, face) for solid in solids for face in solid.faces if face.surface != "GroundSurface"]
+    rings = [solid.vertices[list(face.rings[0])] for solid, face in faces]
+    colours = ["indianred" if face.surface == "RoofSurface" else "lightgrey" for _, face in faces]
+    panel.add_collection3d(Poly3DCollection(rings, facecolors=colours, edgecolor="0.3", linewidths=0.2))
     ends = np.concatenate([solid.vertices for solid in solids])
     low, high = ends.min(axis=0), ends.max(axis=0)
     panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
