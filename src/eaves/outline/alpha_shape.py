@@ -36,7 +36,8 @@ class AlphaShape(OutlineMethod):
     it is taken as the radius of the largest empty disc. Derived from the spacing it is 4.8 times that, 2.4
     m at the document's 4 points/m². Simplification is ours (the document shows raw contours);
     where a gap in the points would leave more than a twentieth of them outside, alpha is widened by steps of
-    1.5, which is ours too. `as_published` leaves both out.
+    1.5, which is ours too. `as_published` leaves both out, and in the chain of another paper, which has no
+    such number, the 50 m² too.
 
     Fails where
     -----------
@@ -70,6 +71,7 @@ class AlphaShape(OutlineMethod):
         unit="m²",
         published=50.0,
         printed_in="step 6",
+        off=0.0,
         ge=0,
     )
     tolerance: float | None = parameter(
