@@ -28,7 +28,7 @@ from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
 from eaves.recipe.recipe import Recipe, make_recipe
-from eaves.run.index import Index, index_inputs
+from eaves.run.index import LISTED_INPUTS, Index, index_inputs
 from eaves.run.lock import LOCK
 from eaves.run.memory import parse_memory
 from eaves.run.options import (
@@ -295,9 +295,17 @@ def check_whole(index: Index, options: RunOptions) -> None:
 
 
 def request_of(run: Run) -> dict[str, Any]:
-    """The request by which a run is opened again, as JSON, with paths that hold from any folder."""
-    words = {"inputs": list(run.inputs), "options": kept_options(run.options), "plan": run.plan}
+    """The request by which a run is opened again with its plan, as JSON, with paths that hold from any
+    folder."""
+    words = {"inputs": list(run.inputs), "options": kept_options(run.options)}
     return {**words, "generations": list(run.generations), "updates": list(run.updates)}
+
+
+def stated_request(run: Run) -> dict[str, Any]:
+    """The request as run.json states it; nothing of a run by tiles, which is not opened again, and of one of
+    very many inputs."""
+    stated = not run.by_tiles and "tile" not in run.plan and len(run.index) <= LISTED_INPUTS
+    return {"request": request_of(run)} if stated else {}
 
 
 def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
