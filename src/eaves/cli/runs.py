@@ -301,7 +301,8 @@ def describe_sources() -> Iterator[str]:
     from eaves.recipe.sources import SOURCES
 
     for source in SOURCES.values():
-        yield f"{source.name}: {source.delivers} [{source.paper}]"
+        yield f"{source.name}: {source.delivers}"
+        yield f"  {source.title} [{source.paper}]"
         yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
         yield f"  eaves build INPUT -o OUT --source {source.name} [--as-published]"
 

@@ -28,6 +28,7 @@ from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
 from eaves.recipe.recipe import Recipe, make_recipe
+from eaves.recipe.sources import find_source
 from eaves.run.index import LISTED_INPUTS, Index, index_inputs
 from eaves.run.lock import LOCK
 from eaves.run.memory import parse_memory
@@ -358,6 +359,8 @@ def describe_plan(
         **index.describe(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
+        "source": options["source"] and find_source(options["source"]).cited,
+        "as_published": options["as_published"],
         "methods": methods,
         "use_classes": recipe.use_classes,
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,
