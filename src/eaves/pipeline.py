@@ -197,6 +197,7 @@ def build_region(region: Region, sink: PointSink | None = None) -> Summary:
     TooNarrowError
         When the bounds loaded do not hold the core's buildings.
     """
+    steps.drop_upkeep(region)
     bring_points(region)
     owners = find_buildings(region)
     summary = write_outputs(region, owners, sink)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from eaves import IncompleteRunError, InputError, Summary
-from eaves.change.upkeep.rebuild import rebuild
+from eaves.change.upkeep.update import update
 from eaves.pipeline import build
 from eaves.run.options import RunOptions
 from tests.conftest import write_laz
@@ -51,12 +51,12 @@ def test_edits_stay_unless_overwritten(nine_roofs_file: Path, out: Path, tmp_pat
     with closing(sqlite3.connect(out / "footprints.gpkg")) as layer:
         (name,) = layer.execute("SELECT id FROM footprints").fetchone()
     (tmp_path / "verdicts.csv").write_text(f"id,verdict\n{name},no building\n")
-    assert rebuild(out, tmp_path / "verdicts.csv").summary.found == 8
+    assert update(out, edits=tmp_path / "verdicts.csv").summary.found == 8
     before = (out / "edits.gpkg").read_bytes()
     with pytest.raises(InputError, match=r"out: holds edits of \d+ \w+ \d{4}; .* --overwrite"):
         build_again(nine_roofs_file, out)
     assert (out / "edits.gpkg").read_bytes() == before
-    assert rebuild(out).summary.found == 8
+    assert update(out).summary.found == 8
     assert build_again(nine_roofs_file, out, overwrite=True).found == 9
     assert not (out / "edits.gpkg").exists()
 
