@@ -164,9 +164,9 @@ def test_a_command_as_printed_is_one_that_is_understood(line: str) -> None:
 
 PAGES_OF_SOURCES = ["README", *SOURCES]
 NO_FIGURE = (
-    r"<!-- (?:figures|steps) -->.*?<!-- end -->|^## Steps$.*?^## ",  # made from tables; the paper's own numbers
+    r"<!-- (?:figures|steps) -->.*?<!-- end -->|^## Steps$.*?^## ",  # made from tables; the paper's numbers
     r'"[^"]*"|`[^`]*`|^#.*?$',  # what the paper says, parameters and commands, headings
-    r'!?\[[^\]]*\]\([^)]*\)',  # links: a figure among them is one of the cell that its title names
+    r"!?\[[^\]]*\]\([^)]*\)",  # links: a figure among them is one of the cell that its title names
     r"\b(?:19|20)\d\d\b|\b\dD\b|LoD \d\.\d",
 )
 """What is no figure of ours on the page of a source."""

@@ -27,7 +27,7 @@ SETS = (
     "misc/lidR_Topography.laz",
     "ign_urban/test_data_77050_627755_LA93_IGN69.laz",
 )
-"""Houses in rows; houses among vegetation; a wooded hill without any; houses that the rim of the data cuts."""
+"""Houses in rows; houses among vegetation; a wooded hill without any; houses that the rim cuts."""
 CANNOT_ACT = {
     ("xiao2014", "mean density"): "where echoes and small regions have left, crowns are as dense as roofs",
 }
