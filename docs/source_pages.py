@@ -43,11 +43,8 @@ def cell_of(results: Path, kind: str, title: str) -> str:
 
 
 def shown(cell: str) -> str:
-    """A cell as a page shows it: a number to three digits, anything else as it stands."""
-    try:
-        return f"{float(cell):.3g}"
-    except ValueError:
-        return cell
+    """A cell as a page shows it: a decimal to three digits, anything else as it stands."""
+    return f"{float(cell):.3g}" if re.fullmatch(r"-?\d*\.\d+", cell) else cell
 
 
 def table_of(rows: Table, columns: tuple[str, ...]) -> list[str]:
