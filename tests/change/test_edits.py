@@ -186,6 +186,24 @@ def test_results_that_are_missing_are_computed_again__with_the_same_bytes(out: P
     assert all((out / name).read_bytes() == (tmp_path / "without" / name).read_bytes() for name in FILES)
 
 
+def test_an_update_that_was_broken_off_is_made_again__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
+    name, shape = next(iter(buildings(out).items()))
+    edit, broken = Edit(FOOTPRINT, shapely.buffer(shape, -1.0, join_style="mitre"), name), tmp_path / "broken"
+    shutil.copytree(out, broken)
+    write_edits(tmp_path / "edit.gpkg", [edit], LOCAL_METRES)
+
+    def stop(step: str, done: int, total: int) -> None:
+        if step == "write" and done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        update(broken, edits=tmp_path / "edit.gpkg", progress=stop)
+    for folder in (out, broken):
+        update(folder, edits=tmp_path / "edit.gpkg")
+    assert all((out / name).read_bytes() == (broken / name).read_bytes() for name in FILES)
+    assert not (broken / ".eaves-work" / "earlier").exists()
+
+
 def test_an_edit_is_said_once__in_columns_of_the_table(out: Path) -> None:
     name, shape = next(iter(buildings(out).items()))
     corrected(out, Edit(FLAT_ROOF, shape, name))
