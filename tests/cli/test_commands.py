@@ -205,7 +205,6 @@ def test_an_unknown_parameter_is_named(nine_roofs_file: Path, tmp_path: Path) ->
     ("words", "status", "xyz"),
     [
         ((), 1, np.array([[85000.0, 447000.0, 1.0]])),
-        (("--bounds", "0,0,9,9"), 1, np.array([[85000.0, 447000.0, 1.0]])),
         (("--bounds", "0,0,9,9", "--allow-empty"), 0, np.array([[85000.0, 447000.0, 1.0]])),
         ((), 0, np.random.default_rng(0).random((4000, 3)) * [40, 40, 0.02] + [85000, 447000, 1]),
     ],

@@ -30,7 +30,9 @@ from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.models.citygml import CITYGML_2, CITYGML_3, Version
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
+from eaves.model.building import Installation
 from eaves.simulate import nine_roofs_on_a_slope
+from eaves.simulate.objects.solids import extrude_partition
 from eaves.validate import validate_file
 
 DUTCH = system_of(parse_crs("28992+5709"), "test", (0.0, 0.0))
@@ -83,6 +85,31 @@ def test_citygml_has_every_building_and_refers_to_faces_it_has(
     assert max(ring[:, 2].max() for ring in rings) == pytest.approx(highest, abs=1e-3)
     place = root.find(f".//{gml}Envelope")
     assert place is not None and place.get("srsName") == "https://www.opengis.net/def/crs/EPSG/0/7415"
+
+
+@pytest.mark.parametrize("version", [CITYGML_2, CITYGML_3], ids=["2.0", "3.0"])
+def test_citygml_has_what_stands_on_a_roof(tmp_path: Path, version: Version) -> None:
+    house = nine_roofs_on_a_slope(density=4.0).buildings[0].model((0.0, 0.0))
+    bodies = [
+        extrude_partition([(shapely.box(x, 2.0, x + 1.0, 3.0), (0.0, 0.0, 9.5))], 8.0) for x in (2.0, 5.0)
+    ]
+    chimneys = [
+        Installation("chimney", shapely.box(x, 2.0, x + 1.0, 3.0), 9.5, 1.2, 20, body)
+        for x, body in zip((2.0, 5.0), bodies, strict=True)
+    ]
+    write_citygml(tmp_path / "a.gml", [house.with_(installations=tuple(chimneys))], DUTCH, version)
+    building = (
+        ElementTree.parse(tmp_path / "a.gml").getroot().find(f".//{{{version.spaces['bldg']}}}Building")
+    )
+    assert building is not None
+    gml, bldg = (f"{{{version.spaces[name]}}}" for name in ("gml", "bldg"))
+    found = building.findall(f"{version.installation.replace('bldg:', bldg)}/{bldg}BuildingInstallation")
+    assert [one.findtext(f"{bldg}function") for one in found] == ["chimney", "chimney"]
+    for one, body in zip(found, bodies, strict=True):
+        rings = [list(map(float, (ring.text or "").split())) for ring in one.iter(f"{gml}posList")]
+        assert len(rings) == len(body.faces) == 6
+        low = np.concatenate([np.reshape(ring, (-1, 3)) for ring in rings]).min(axis=0)
+        np.testing.assert_allclose(low, body.vertices.min(axis=0) + [*house.footprint.origin, 0.0], atol=1e-4)
 
 
 @pytest.mark.parametrize(("version", "modules"), [

@@ -102,12 +102,12 @@ def count_blocks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_a_disk_too_small_for_the_points_is_refused_before_they_are_read(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("eaves.flow.region.shutil.disk_usage", lambda path: SimpleNamespace(free=100_000))
+    monkeypatch.setattr("eaves.flow.refusals.shutil.disk_usage", lambda path: SimpleNamespace(free=100_000))
     with pytest.raises(
-        InputError, match=r"out: its disk has 0\.0 GB free, and [\d,]+ points take .*--per-tile"
+        InputError, match=r"out: its disk has 0\.1 MB free, and [\d,]+ points take .* MB .*--per-tile"
     ):
         build(nine_roofs_file, tmp_path / "out")
-    assert not (tmp_path / "out" / ".eaves-work").exists()
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")

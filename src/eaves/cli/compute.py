@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eaves.cli.options import (
-    AllowEmpty,
     Config,
     Crs,
     DryRun,
@@ -20,7 +19,7 @@ from eaves.cli.options import (
     Verbose,
     with_run_options,
 )
-from eaves.cli.runs import finish, run_build, show_facts
+from eaves.cli.runs import finish, run_build, show_facts, show_plan
 
 if TYPE_CHECKING:
     from eaves.run.options import RunOptions
@@ -38,7 +37,6 @@ def build(
     config: Config = None,
     profile: Profile = False,
     strict: Strict = False,
-    allow_empty: AllowEmpty = False,
     dry_run: DryRun = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -54,11 +52,11 @@ def build(
       eaves build tiles/ -o out --keep
     """
     if dry_run:
-        show_facts(inputs, options, False, quiet, verbose)
+        show_plan(inputs, out, options, (config, settings), quiet, verbose)
     summary = run_build(inputs, out, options, (config, settings), quiet, verbose)
     if profile:
         typer.echo(summary.profile(), err=True)
-    finish(summary, quiet, allow_empty, strict)
+    finish(summary, quiet, options, strict)
 
 
 def info(
@@ -72,7 +70,7 @@ def info(
 
     At most a million points are read; in larger scans they are sampled evenly over the files.
     """
-    show_facts(inputs, {} if crs is None else {"crs": crs}, as_json, quiet, verbose)
+    show_facts(inputs, crs, as_json, quiet, verbose)
 
 
 @with_run_options(
@@ -87,7 +85,6 @@ def ground(
     options: RunOptions,
     settings: Settings = None,
     config: Config = None,
-    allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -98,7 +95,7 @@ def ground(
     finish(
         run_build(inputs, folder, options, (config, settings), quiet, verbose, ground_only=True),
         quiet,
-        allow_empty,
+        options,
     )
 
 
@@ -109,13 +106,12 @@ def detect(
     options: RunOptions,
     settings: Settings = None,
     config: Config = None,
-    allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Detect buildings. Writes mask, footprints and classified points."""
     options |= {"lod": "0", "outputs": ("footprints", "mask", "classified")}
-    finish(run_build(inputs, out, options, (config, settings), quiet, verbose), quiet, allow_empty)
+    finish(run_build(inputs, out, options, (config, settings), quiet, verbose), quiet, options)
 
 
 @with_run_options(
@@ -131,9 +127,8 @@ def reconstruct(
     settings: Settings = None,
     config: Config = None,
     strict: Strict = False,
-    allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Build models for given footprints. The points may be classified or not."""
-    finish(run_build(inputs, out, options, (config, settings), quiet, verbose), quiet, allow_empty, strict)
+    finish(run_build(inputs, out, options, (config, settings), quiet, verbose), quiet, options, strict)

@@ -52,18 +52,12 @@ Strict = Annotated[
     bool,
     typer.Option("--strict", help="Exit with status 1 if a building has no model.", rich_help_panel="expert"),
 ]
-AllowEmpty = Annotated[
-    bool,
-    typer.Option(
-        "--allow-empty",
-        help="Exit with status 0 even if no point lies in the requested area.",
-        rich_help_panel="expert",
-    ),
-]
 DryRun = Annotated[
     bool,
     typer.Option(
-        "--dry-run", help="Describe the scan as `eaves info` does; compute nothing.", rich_help_panel="expert"
+        "--dry-run",
+        help="Check what a run would, and describe the scan as `eaves info` does; compute and write nothing.",
+        rich_help_panel="expert",
     ),
 ]
 Profile = Annotated[

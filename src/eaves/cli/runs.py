@@ -7,12 +7,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
 if TYPE_CHECKING:
     from eaves.model.summary import Summary
+    from eaves.recipe.recipe import Recipe
     from eaves.run.options import RunOptions
 
 COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
@@ -154,24 +155,16 @@ def run_build(
 ) -> Summary:
     """Build with progress on screen. `given`: a configuration file, which the command line's methods and the
     `--set` words overrule."""
-    from dataclasses import replace
-
     from eaves.run.garbage import keep_all
 
     with keep_all():
-        from eaves.flow.run import recipe_of
         from eaves.pipeline import build as build_files
         from eaves.report.build import build as build_with_report
-        from eaves.run.options import DEFAULT_OPTIONS, EVERYTHING
+        from eaves.run.options import EVERYTHING
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()
-        tables, settings = read_config(given[0]), read_settings(given[1] or ())
-        for stage in {*tables, *settings}:
-            named = {**tables.get(stage, {}), **options.get(stage, {}), **settings.get(stage, {})}  # type: ignore[dict-item]
-            options[stage] = named  # type: ignore[literal-required]
-        recipe = recipe_of({**DEFAULT_OPTIONS, **options})
-        recipe = replace(recipe, detect=None) if ground_only else recipe
+        recipe = read_recipe(options, given, ground_only)
     start_log(quiet, verbose)
     reported = "report" in (options.get("outputs") or EVERYTHING)
     with run_display(quiet) as progress:
@@ -179,7 +172,50 @@ def run_build(
         return made(inputs, out, recipe, progress, allow_failures=True, **options)
 
 
-def show_facts(inputs: list[str], options: RunOptions, as_json: bool, quiet: bool, verbose: bool) -> None:
+def read_recipe(
+    options: RunOptions, given: tuple[Path | None, Sequence[str] | None], ground_only: bool = False
+) -> Recipe:
+    """The recipe of the command line, the configuration file and the `--set` words; the methods' tables stand
+    in the options then."""
+    from dataclasses import replace
+
+    from eaves.flow.run import recipe_of
+    from eaves.run.options import DEFAULT_OPTIONS
+
+    tables, settings = read_config(given[0]), read_settings(given[1] or ())
+    for stage in {*tables, *settings}:
+        named = {**tables.get(stage, {}), **options.get(stage, {}), **settings.get(stage, {})}  # type: ignore[dict-item]
+        options[stage] = named  # type: ignore[literal-required]
+    recipe = recipe_of({**DEFAULT_OPTIONS, **options})
+    return replace(recipe, detect=None) if ground_only else recipe
+
+
+def show_plan(
+    inputs: list[str],
+    out: Path,
+    options: RunOptions,
+    given: tuple[Path | None, Sequence[str] | None],
+    quiet: bool,
+    verbose: bool,
+) -> NoReturn:
+    """Check what a run would check before its first point, and print the figures of its scan; nothing is
+    computed or written."""
+    from tempfile import TemporaryDirectory
+
+    from eaves.flow.advice import scan_facts
+    from eaves.flow.run import plan_run
+
+    start_log(quiet, verbose)
+    with TemporaryDirectory() as cache:
+        options.setdefault("cache", cache)
+        run = plan_run(inputs, out, read_recipe(options, given), **options)
+        typer.echo(scan_facts(run.index).as_text())
+    for reason in run.failed:
+        typer.echo(f"incomplete: {reason}", err=True)
+    raise typer.Exit(INCOMPLETE if run.failed else COMPLETE)
+
+
+def show_facts(inputs: list[str], crs: str | None, as_json: bool, quiet: bool, verbose: bool) -> NoReturn:
     """Print the figures of a scan and what may go wrong in a run; nothing is computed or written."""
     import json
     from tempfile import TemporaryDirectory
@@ -190,18 +226,16 @@ def show_facts(inputs: list[str], options: RunOptions, as_json: bool, quiet: boo
     from eaves.run.index import index_inputs
 
     start_log(quiet, verbose)
-    force = options.get("crs_force", False)
     failed: list[str] = []
-    bounds: Any = options.get("bounds")
     with TemporaryDirectory() as folder:
-        local, _ = localise(inputs, Path(options.get("cache") or folder), bounds and tuple(bounds))
-        index = index_inputs(list_inputs(local), options.get("crs"), failed, crs_force=force)
+        local, _ = localise(inputs, Path(folder))
+        index = index_inputs(list_inputs(local), crs, failed)
         facts = scan_facts(index)
     typer.echo(json.dumps(facts.as_json(), indent=2) if as_json else facts.as_text())
     raise typer.Exit(INCOMPLETE if failed else COMPLETE)
 
 
-def finish(summary: Summary, quiet: bool, allow_empty: bool, strict: bool = False) -> None:
+def finish(summary: Summary, quiet: bool, options: RunOptions, strict: bool = False) -> NoReturn:
     """Say what came out, and leave with the right status.
 
     Empty is a run that had no point to work on; a forest without a building is a result.
@@ -214,16 +248,10 @@ def finish(summary: Summary, quiet: bool, allow_empty: bool, strict: bool = Fals
                 typer.echo(f"  {program:<14} {there[0]}")
         if summary.modelled:
             typer.echo(f"  other formats  eaves export {summary.folder} --formats citygml,glb,dxf")
-    for reason in summary.failed:
-        typer.echo(f"incomplete: {reason}", err=True)
-    empty = summary.points_used == 0 and not allow_empty
-    if empty:
-        typer.echo(
-            f"empty: none of {summary.points:,} points is used: see --bounds, --clip, or add --allow-empty",
-            err=True,
-        )
-    failures = strict and summary.found > summary.modelled
-    raise typer.Exit(COMPLETE if summary.complete and not failures and not empty else INCOMPLETE)
+    missing = summary.missing(options.get("allow_empty", False), strict)
+    for line in missing:
+        typer.echo(line, err=True)
+    raise typer.Exit(INCOMPLETE if missing else COMPLETE)
 
 
 def start_log(quiet: bool, verbose: bool = False) -> None:
@@ -273,7 +301,8 @@ def describe_sources() -> Iterator[str]:
     from eaves.recipe.sources import SOURCES
 
     for source in SOURCES.values():
-        yield f"{source.name}: {source.delivers} [{source.paper}]"
+        yield f"{source.name}: {source.delivers}"
+        yield f"  {source.title} [{source.paper}]"
         yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
         yield f"  eaves build INPUT -o OUT --source {source.name} [--as-published]"
 

@@ -22,6 +22,7 @@ from eaves.buildings.join import (
     with_addresses,
 )
 from eaves.flow.numbers import NUMBERS
+from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, no_progress, request_of
 from eaves.flow.step import Step, bring, compute, results_of
 from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED
@@ -35,7 +36,6 @@ from eaves.run.index import Index
 from eaves.run.keys import NAMED, key_of
 from eaves.run.partition import (
     FileSlice,
-    Window,
     file_slices,
     find_isolated_blocks,
     key_of_part,
@@ -43,16 +43,12 @@ from eaves.run.partition import (
     known_parts,
     partition_slice,
 )
-from eaves.run.store import RECORD, Store
+from eaves.run.store import Store
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
 
-COPIED_POINTS = 200_000_000
-"""Inputs of more points are decompressed a second time: copies of their records would fill the disk."""
-COPIED_BYTES = 20
-"""Of the shortest record of a LAS file."""
 LARGEST_RASTER = 10_000_000_000
 """Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
 
@@ -157,30 +153,8 @@ def open_region(run: Run, workers: Workers, progress: Progress, core: Core | Non
         store.drop_records()  # nothing says that they are whole
     else:
         store.discard()
-        if core is None:
-            check_space(run)
         store.prepare()
     return Region(run, store, workers, progress, core or Core(), list(run.failed), points=run.index.points)
-
-
-def check_space(run: Run) -> None:
-    """Refuse a run whose points alone would fill the disk.
-
-    Raises
-    ------
-    InputError
-        When they would.
-    """
-    each = RECORD.itemsize + (COPIED_BYTES if copies_records(run) else 0)
-    needed = each * run.index.points if run.window == Window() else 0
-    free = shutil.disk_usage(run.work_folder.parent).free
-    if needed > free:
-        raise InputError.about(
-            run.folder,
-            f"its disk has {free / 1e9:,.1f} GB free, and {run.index.points:,} points take "
-            f"{needed / 1e9:,.1f} GB while they are computed",
-            "free some, choose a folder on another disk, or build by --per-tile",
-        )
 
 
 def drop_upkeep(region: Region) -> None:
@@ -264,12 +238,6 @@ def read_part(
     """A part of an input, brought to its blocks, with the key that its mark bears."""
     part, key = task
     return partition_slice(part, store, run.side, run.window, progress, copied, key)
-
-
-def copies_records(run: Run) -> bool:
-    """True if the inputs are kept decompressed for the classified points."""
-    small = run.index.points <= COPIED_POINTS
-    return "classified" in run.outputs and small and not (run.by_tiles or run.options["keep"])
 
 
 def replace_points(region: Region) -> None:

@@ -17,6 +17,7 @@ from typing import Any, Self, Unpack
 from eaves.flow.advice import scan_facts
 from eaves.flow.collisions import refuse_collisions, refuse_overwrite
 from eaves.flow.exports import check_formats
+from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
@@ -27,6 +28,7 @@ from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
 from eaves.recipe.recipe import Recipe, make_recipe
+from eaves.recipe.sources import find_source
 from eaves.run.index import LISTED_INPUTS, Index, index_inputs
 from eaves.run.lock import LOCK
 from eaves.run.memory import parse_memory
@@ -148,14 +150,27 @@ def open_run(
     progress: Progress = no_progress,
     **options: Unpack[RunOptions],
 ) -> Run:
-    """The run that is asked for: every option checked, headers read, footprints read, the folder made.
+    """The run that is asked for (`plan_run`), with its folder, which can be written."""
+    run = plan_run(inputs, out, recipe, progress, **options)
+    claim(run.folder)
+    return run
+
+
+def plan_run(
+    inputs: str | Path | Sequence[str | Path],
+    out: str | Path,
+    recipe: Recipe | None = None,
+    progress: Progress = no_progress,
+    **options: Unpack[RunOptions],
+) -> Run:
+    """The run that is asked for: every option checked, headers and polygons read, nothing written.
 
     Parameters
     ----------
     inputs
         LAS, LAZ, COPC or text files, folders or globs.
     out
-        Folder; made when missing.
+        Folder.
     recipe
         The methods, instead of the options that name them.
     progress
@@ -168,7 +183,8 @@ def open_run(
     TypeError
         When an option does not exist.
     InputError
-        When an input cannot be used, or the folder holds what it would write over; nothing is written then.
+        When an input cannot be used, inputs, area and polygons do not meet, the disk is too small, or the
+        folder holds what it would write over.
     """
     started, options = time.time(), check_options(options)
     recipe = recipe or recipe_of(options)
@@ -195,13 +211,16 @@ def open_run(
     hashes = {name: hash_of(polygons.get(name)) for name in POLYGONS}
     bounds = in_metres(options["bounds"], index.system)  # type: ignore[arg-type] # checked
     window = Window(bounds, read_area(polygons["clip"], index.system) if "clip" in polygons else None)
+    may_miss = options["allow_empty"]
+    if not may_miss:
+        refuse_no_points(index, window, options)
     known: list[Footprint] = []
     lost: list[Failure] = []
     map_: Map | None = None
     if (path := polygons.get("footprints") or polygons.get("party_walls")) is not None:
         map_ = recognise_map(path, options["footprint_source"])
         area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
-        known, lost = read_footprints(path, options["id_field"], index.system, area, map_)
+        known, lost = read_footprints(path, options["id_field"], index.system, area, map_, may_miss)
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
@@ -209,9 +228,8 @@ def open_run(
     if options["classified"] is None and not options["overwrite"]:
         refuse_overwrite(folder, plan)
     warn_of_heights(index.system, options["formats"])
-    claim(folder)
     given = "footprints" in polygons
-    return Run(
+    run = Run(
         folder=folder,
         recipe=recipe,
         index=index,
@@ -227,6 +245,11 @@ def open_run(
         failed=tuple(failed),
         started=started,
     )
+    if not (options["resume"] or run.by_tiles):
+        refuse_full_disk(run)
+    if recipe.use_classes and not may_miss:
+        refuse_no_classes(run, scan_facts(index))
+    return run
 
 
 def look_at_scan(run: Run) -> Run:
@@ -234,6 +257,12 @@ def look_at_scan(run: Run) -> Run:
     facts = scan_facts(run.index)
     for remark in facts.remarks():
         log.info("scan: %s", remark)
+    if run.memory is not None and run.memory < facts.memory_mb * 1e6:
+        log.warning(
+            "--memory %s: each process is expected to need %s MB; give more, or see it run out",
+            run.options["memory"],
+            f"{facts.memory_mb:,}",
+        )
     return replace(run, plan={**run.plan, "scan": facts.as_json()})
 
 
@@ -330,6 +359,8 @@ def describe_plan(
         **index.describe(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
+        "source": options["source"] and find_source(options["source"]).cited,
+        "as_published": options["as_published"],
         "methods": methods,
         "use_classes": recipe.use_classes,
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
 from eaves.footprints.given import PART, clip_footprints, repair_footprints
@@ -22,6 +22,8 @@ from eaves.formats.vectors.geopackage import VectorLayer, list_vector_layers, re
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 
 log = logging.getLogger("eaves")
+DEGREES = np.array([180.0, 90.0, 180.0, 90.0])
+"""The largest longitude and latitude."""
 
 
 def in_metres(bounds: Bounds | None, system: CoordinateSystem) -> Bounds | None:
@@ -111,7 +113,12 @@ def recognise_map(path: Path, source: str | None = None) -> Map | None:
 
 
 def read_footprints(
-    path: Path, id_field: str | None, system: CoordinateSystem, area: BaseGeometry, known: Map | None = None
+    path: Path,
+    id_field: str | None,
+    system: CoordinateSystem,
+    area: BaseGeometry,
+    known: Map | None = None,
+    may_miss: bool = True,
 ) -> tuple[list[Footprint], list[Failure]]:
     """The footprints of a file, repaired and clipped to `area`, and a failure, with what is known of the
     footprint, for each that cannot be used: none is lost.
@@ -121,7 +128,8 @@ def read_footprints(
     Raises
     ------
     InputError
-        When `id_field` leaves a footprint without an id, or gives two the same.
+        When `id_field` leaves a footprint without an id, or gives two the same, or no polygon meets the area
+        and none `may_miss` it.
     """
     if known is None:
         shapes, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system, keep_all=True)
@@ -129,6 +137,8 @@ def read_footprints(
             ids = found_ids(path, ids, attributes)
     else:
         shapes, ids, attributes = read_map(path, id_field, system, area, known)
+    if not may_miss:
+        refuse_apart(path, shapes, area, system)
     if id_field is not None:
         refuse_ids(path, id_field, [row[id_field] for row in attributes])
     whole, unusable = usable_and_not(repair_footprints(shapes, ids, attributes))
@@ -148,6 +158,42 @@ def read_footprints(
                 "%s: %d footprints cannot be modelled, the first: %s", path, len(failures), failures[0].reason
             )
     return inside, [*unusable, *absent, *outside]
+
+
+def refuse_apart(
+    path: Path, shapes: Sequence[BaseGeometry], area: BaseGeometry, system: CoordinateSystem
+) -> None:
+    """Check that the box of a shape (world metres) meets that of the area.
+
+    Raises
+    ------
+    InputError
+        With where the shapes lie, and where the points.
+    """
+    boxes = shapely.bounds(np.array(shapes, dtype=object)).reshape(-1, 4)
+    boxes = boxes[~np.isnan(boxes).any(axis=1)]
+    if shapely.intersects(shapely.box(*boxes.T), area.envelope).any():
+        return
+    degrees = len(boxes) and (np.abs(boxes) <= DEGREES * system.horizontal_unit_m).all()
+    if degrees and all(one.crs is None for one in list_vector_layers(path)):
+        raise InputError.about(
+            path,
+            "has no coordinate system, and its numbers look like degrees",
+            "give it one: a .prj beside it, or ogr2ogr -a_srs EPSG:4326",
+        )
+    there = f"they lie within {sides_of(boxes, system)}" if len(boxes) else "none is near them"
+    raise InputError.about(
+        path,
+        f"no polygon meets the points: {there}, the points within {sides_of([area.bounds], system)}",
+        "check its coordinate system, give another map, or add --allow-empty",
+    )
+
+
+def sides_of(boxes: ArrayLike, system: CoordinateSystem) -> str:
+    """West, south, east and north of boxes (N, 4) (m) in the unit of a system, as `--bounds` takes them."""
+    whole = np.asarray(boxes).reshape(-1, 4) / system.horizontal_unit_m
+    sides = (*whole[:, :2].min(axis=0), *whole[:, 2:].max(axis=0))
+    return ",".join(f"{side:.0f}" for side in sides)
 
 
 def usable_and_not(answers: Sequence[Footprint | Failure]) -> tuple[list[Footprint], list[Failure]]:

@@ -102,6 +102,30 @@ class Summary:
             raise IncompleteRunError(self.failed, self)
         return self
 
+    def missing(self, allow_empty: bool = False, strict: bool = False) -> list[str]:
+        """What was asked for and is not there, a line each: with one a command ends with status 1.
+
+        Parameters
+        ----------
+        allow_empty
+            No point in the area is what was asked for.
+        strict
+            A model of every building was.
+        """
+        lines = [f"incomplete: {reason}" for reason in self.failed]
+        if self.points_used == 0 and not allow_empty:
+            lines.append(
+                f"empty: none of {self.points:,} points is used: see --bounds, --clip, or add --allow-empty"
+            )
+        failed = self.found - self.modelled
+        if failed and (strict or (not self.modelled and self.run.get("footprints"))):
+            codes = ", ".join(f"{code} {count}" for code, count in sorted(self.failures.items()))
+            lines.append(
+                f"no model: {failed:,} of {self.found:,} footprints failed ({codes}); failure_reason in "
+                "footprints.gpkg says why"
+            )
+        return lines
+
     def with_step(self, name: str, cpu: float, wall: float) -> Summary:
         """The same with one more step: its processor time and its time on the clock (s)."""
         return replace(

@@ -119,6 +119,15 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     clip: Annotated[str | Path | None, Option("File of polygons; points outside are not used.", again=True)]
+    allow_empty: Annotated[
+        bool,
+        Option(
+            "Go on, and exit with status 0, where no point lies in the requested area, no polygon meets the "
+            "points, or no point has a class that `use_classes` needs.",
+            False,
+            again=True,
+        ),
+    ]
     cache: Annotated[
         str | Path | None,
         Option("Cache folder for files read over the network; by default `remote` in the output folder."),
@@ -281,7 +290,8 @@ def check_options(given: RunOptions) -> RunOptions:
     TypeError, ValueError
         When one does not exist, has another type, or is out of range.
     InputError
-        When bounds are numbers that no run can use, or an output does not exist.
+        When bounds are numbers that no run can use, an output does not exist, or an option is about a map and
+        none is given.
     """
     unknown = given.keys() - DECLARED.keys()
     if unknown:
@@ -300,6 +310,9 @@ def check_options(given: RunOptions) -> RunOptions:
             f"{options['party_walls']}: party walls split blocks that are detected, and footprints are "
             "given; leave one of --footprints and --party-walls out"
         )
+    for name in ("id_field", "footprint_source", "snap_footprints"):
+        if options[name] and not (options["footprints"] or options["party_walls"]):
+            raise InputError(f"{DECLARED[name].flag}: no map is given; add --footprints, or leave it out")
     return options
 
 

@@ -1,7 +1,8 @@
 """Building models as CityGML 2.0 and 3.0, written building by building.
 
 CityGML counts levels by whole numbers: LoD 0 is the footprint, LoD 1 the finest of 1.3 and 1.2, LoD 2 that of
-2.3, 2.2 and 2.0. A level of several solids becomes parts, as in CityJSON. The faces of LoD 2 stand once, as
+2.3, 2.2 and 2.0. A level of several solids becomes parts, as in CityJSON, and what stands on a roof is a
+BuildingInstallation with its body at LoD 2. The faces of LoD 2 stand once, as
 RoofSurface, WallSurface, GroundSurface and OuterCeilingSurface; the solid refers to them. Attributes are
 generic ones, those that the standard knows (`roofType`, `measuredHeight`, `storeysAboveGround`) its own.
 """
@@ -20,7 +21,7 @@ import numpy as np
 from shapely import Polygon
 
 from eaves.formats.atomic import atomic
-from eaves.formats.models.cityjson import attributes_of, clean, reference_system
+from eaves.formats.models.cityjson import attributes_of, clean, installation_figures, reference_system
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -57,6 +58,7 @@ class Version:
     """Prefix of a level's geometry."""
     footprint: str
     part: str
+    installation: str
 
 
 CITYGML_2 = Version(
@@ -73,6 +75,7 @@ CITYGML_2 = Version(
     geometry="bldg",
     footprint="bldg:lod0FootPrint",
     part="bldg:consistsOfBuildingPart",
+    installation="bldg:outerBuildingInstallation",
 )
 CITYGML_3 = Version(
     "3.0",
@@ -89,6 +92,7 @@ CITYGML_3 = Version(
     geometry="core",
     footprint="core:lod0MultiSurface",
     part="bldg:buildingPart",
+    installation="bldg:buildingInstallation",
 )
 
 
@@ -227,7 +231,7 @@ class _GmlBuilding:
         several = {level: parts for level, parts in chosen.items() if len(parts) > 1}
         self.file.write(f'<core:cityObjectMember><bldg:Building gml:id="{self.identifier}">\n')
         self.file.write(f"<gml:name>{escape(self.footprint.id)}</gml:name>\n" if self.footprint.id else "")
-        self.file.writelines(self._generic())
+        self.file.writelines(self._generic(self.attributes))
         height = self.attributes.get("measuredHeight")
         if self.version is CITYGML_2:
             self.file.write(self._known("roofType"))
@@ -248,9 +252,25 @@ class _GmlBuilding:
         value = self.attributes.get(name)
         return "" if value is None else f"<bldg:{name}>{escape(str(value))}</bldg:{name}>\n"
 
-    def _generic(self) -> Iterator[str]:
-        """The attributes, as the version has generic ones."""
-        for name, value in self.attributes.items():
+    def _installations(self) -> Iterator[str]:
+        """What stands on the roofs, each with its function and its body."""
+        objects = self.result.installations if isinstance(self.result, BuildingModel) else ()
+        for number, one in enumerate(objects, 1):
+            function = f"<bldg:function>{escape(one.kind)}</bldg:function>"
+            body = self._closed(self._shell(one.solid))
+            content = f"{function}<bldg:lod2Geometry>{body}</bldg:lod2Geometry>"
+            if self.version is CITYGML_3:
+                content = f"<core:lod2Solid>{body}</core:lod2Solid>{function}"
+            name, tag = f"{self.identifier}-i{number}", self.version.installation
+            yield (
+                f'<{tag}><bldg:BuildingInstallation gml:id="{name}">'
+                f"{''.join(self._generic(clean(installation_figures(one))))}{content}"
+                f"</bldg:BuildingInstallation></{tag}>\n"
+            )
+
+    def _generic(self, attributes: Mapping[str, Any]) -> Iterator[str]:
+        """Attributes, as the version has generic ones."""
+        for name, value in attributes.items():
             if value is None or name in STANDARD or isinstance(value, list | dict):
                 continue
             kind = "string"
@@ -280,16 +300,13 @@ class _GmlBuilding:
             if level == "2":
                 surfaces, shell = self._surfaces(solid)
             else:
-                faces = [
-                    self._polygon([solid.vertices[list(ring)] for ring in face.rings])[1]
-                    for face in solid.faces
-                ]
-                shell = "".join(f"<gml:surfaceMember>{face}</gml:surfaceMember>" for face in faces)
+                shell = self._shell(solid)
             tag = f"{self.version.geometry}:lod{level}Solid"
             pieces[level] = f"<{tag}>{self._closed(shell)}</{tag}>\n"
         ordered = [pieces[level] for level in sorted(pieces)]
+        on_roofs = self._installations() if base is not None else ()  # of the building, not of a part
         if self.version is CITYGML_2:
-            self.file.writelines([*ordered, surfaces])
+            self.file.writelines([*ordered, *on_roofs, surfaces])
             return
         self.file.writelines([surfaces, *ordered])
         if height is not None:
@@ -300,6 +317,14 @@ class _GmlBuilding:
             )
         if base is not None:
             self.file.write(self._known("roofType") + self._known("storeysAboveGround"))
+        self.file.writelines(on_roofs)
+
+    def _shell(self, solid: Solid) -> str:
+        """The faces of a solid as surface members."""
+        faces = (
+            self._polygon([solid.vertices[list(ring)] for ring in face.rings])[1] for face in solid.faces
+        )
+        return "".join(f"<gml:surfaceMember>{face}</gml:surfaceMember>" for face in faces)
 
     def _closed(self, shell: str) -> str:
         """A solid of surface members: GML 3.1 wraps them as a composite surface, GML 3.2 as a shell."""

@@ -38,7 +38,7 @@ from eaves.model import (
     Solid,
     Values,
 )
-from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
+from eaves.model.building import ROOF_SURFACE, WALL_SURFACE, Installation
 from eaves.model.coordinates import describe_units
 
 log = logging.getLogger("eaves")
@@ -224,6 +224,12 @@ def attributes_of(result: Result) -> Json:
     return attributes
 
 
+def installation_figures(one: Installation) -> Json:
+    """The attributes written for an installation beside its function."""
+    area = round(float(one.polygon.area), 2)
+    return {"height_m": round(float(one.height), 2), "points": one.points, "area_m2": area}
+
+
 class _Vertices:
     """The vertex list of one feature, or of one file: coordinates to whole steps, each once."""
 
@@ -309,11 +315,10 @@ def _city_objects(result: Result, vertices: _Vertices, name: str) -> dict[str, J
     if isinstance(result, BuildingModel):
         for number, one in enumerate(result.installations, 1):
             shape = BuildingModel(footprint, {})
-            about = {"function": one.kind, "height_m": round(one.height, 2), "points": one.points}
             parts[f"{identifier}-i{number}"] = {
                 "type": "BuildingInstallation",
                 "parents": [identifier],
-                "attributes": clean(about | {"area_m2": round(one.polygon.area, 2)}),
+                "attributes": clean({"function": one.kind, **installation_figures(one)}),
                 "geometry": [
                     _solid(one.solid, max(solids, default="2.2"), shape, footprint.origin, vertices)
                 ],

@@ -1,0 +1,116 @@
+"""Refusals before the first point is read: what cannot meet, what is not there, what the disk cannot hold."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from eaves.detect.given_classes import GivenClasses
+from eaves.footprints.read import sides_of
+from eaves.formats import InputError
+from eaves.run.partition import BOX_TOLERANCE, Window
+from eaves.run.store import RECORD
+
+if TYPE_CHECKING:
+    from eaves.flow.advice import ScanFacts
+    from eaves.flow.run import Run
+    from eaves.run.index import Index
+    from eaves.run.options import RunOptions
+
+log = logging.getLogger("eaves")
+
+COPIED_POINTS = 200_000_000
+"""Inputs of more points are decompressed a second time: copies of their records would fill the disk."""
+COPIED_BYTES = 20
+"""Of the shortest record of a LAS file."""
+ANYWAY = "or add --allow-empty"
+
+
+def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
+    """Check that the headers put points into the bounds and the clip area.
+
+    Raises
+    ------
+    InputError
+        When none of them does.
+    """
+    boxes = index.entries["box"][index.entries["count"] > 0]
+    if not len(boxes):
+        raise InputError.about(index.path(0), "no input holds a point", f"give others, {ANYWAY}")
+    extent = sides_of(boxes, index.system)
+    bounds = window.bounds
+    if bounds is not None and not index.meeting(bounds.buffered(BOX_TOLERANCE)).any():
+        asked = sides_of(list(vars(bounds).values()), index.system)
+        raise InputError(
+            f"--bounds {asked}: no point lies there: the headers put them within {extent}; check the "
+            f"numbers, {ANYWAY}"
+        )
+    grown = boxes + BOX_TOLERANCE * np.array([-1.0, -1.0, 1.0, 1.0])
+    if window.clip is not None and not shapely.intersects(window.clip, shapely.box(*grown.T)).any():
+        there = "is empty"
+        if not window.clip.is_empty:
+            there = f"lies within {sides_of(window.clip.bounds, index.system)}"
+        raise InputError.about(
+            options["clip"] or "--clip",
+            f"no point lies in its area, which {there}: the headers put them within {extent}",
+            f"check its coordinate system, {ANYWAY}",
+        )
+
+
+def refuse_no_classes(run: Run, facts: ScanFacts) -> None:
+    """Check that points have the classes that `use_classes` asks for; where not all of them were looked at, a
+    warning has to do.
+
+    Raises
+    ------
+    InputError
+        When none has a class of the ground, or of buildings where these are to be found by it.
+    """
+    recipe = run.recipe
+    there = ", ".join(facts.classes) or "none"
+    wanted = [("ground", recipe.ground_classes)]
+    if isinstance(recipe.detect, GivenClasses) and run.given is None:
+        wanted.append(("building", recipe.detect.classes))
+    for name, classes in wanted:
+        if facts.classes.keys().isdisjoint(map(str, classes)):
+            numbers = " or ".join(map(str, classes))
+            reason = InputError.about(
+                run.index.path(0),
+                f"--use-classes: no point has class {numbers} ({name}); the classes are {there}",
+                f"leave out --use-classes, give --{name}-classes, {ANYWAY}",
+            )
+            if facts.whole:
+                raise reason
+            log.warning("of %s points looked at: %s", f"{facts.looked_at:,}", reason)
+
+
+def refuse_full_disk(run: Run) -> None:
+    """Check that the disk has room for the points alone.
+
+    Raises
+    ------
+    InputError
+        When it has not.
+    """
+    each = RECORD.itemsize + (COPIED_BYTES if copies_records(run) else 0)
+    needed = each * run.index.points if run.window == Window() else 0
+    place = next(one for one in (run.folder.absolute(), *run.folder.absolute().parents) if one.is_dir())
+    left = sum(path.stat().st_size for path in run.work_folder.rglob("*") if path.is_file())
+    free = shutil.disk_usage(place).free + left
+    if needed > free:
+        raise InputError.about(
+            run.folder,
+            f"its disk has {free / 1e6:,.1f} MB free, and {run.index.points:,} points take "
+            f"{needed / 1e6:,.1f} MB while they are computed",
+            "free some, choose a folder on another disk, or build by --per-tile",
+        )
+
+
+def copies_records(run: Run) -> bool:
+    """True if the inputs are kept decompressed for the classified points."""
+    small = run.index.points <= COPIED_POINTS
+    return "classified" in run.outputs and small and not (run.by_tiles or run.options["keep"])
