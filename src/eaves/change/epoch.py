@@ -21,7 +21,6 @@ from eaves.formats.crs import horizontal_crs
 from eaves.formats.points.classified import is_classified
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
 from eaves.run.manifest import MANIFEST, read_facts, read_manifest
-from eaves.run.options import RunOptions
 from eaves.run.points import load_window
 from eaves.run.workers import Workers
 from eaves.run.world_squares import squares_of
@@ -152,8 +151,8 @@ def open_epoch(
     if facts.get("clip"):
         log.warning("%s: built with --clip; what lies outside counts as seen, without buildings", folder)
     # of its classified points a run used those in its bounds
-    options = RunOptions(crs_force=True, allow_empty=True, outputs=("models",), jobs=1)
-    run = open_run(points, work, bounds=facts.get("bounds"), **options)
+    bounds = facts.get("bounds")
+    run = open_run(points, work, bounds=bounds, crs_force=True, allow_empty=True, outputs=("models",), jobs=1)
     polygons, _, rows, _ = read_polygons(folder / "footprints.gpkg", "footprints", target=target)
     target = run.index.system if target is None else target
     if (run.index.system.wkt is None) != (target.wkt is None):
