@@ -62,7 +62,8 @@ def read_request(folder: Path) -> Request:
         else:
             request = Request(plan=facts, **facts["request"])
     except KeyError:
-        raise InputError.about(folder, "keeps no parts of its run", REMEDY) from None
+        remedy = "build a part of it with --bounds and --keep" if "tiles" in facts else REMEDY
+        raise InputError.about(folder, "keeps no parts of its run", remedy) from None
     except TypeError:
         raise InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY) from None
     except (ValueError, RecursionError):
