@@ -225,6 +225,8 @@ def plan_run(
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
     plan = describe_plan(index, recipe, options, map_, hashes)
+    if options["as_published"] and options["source"]:
+        log.info("as published: %s", find_source(options["source"]).printed)
     if options["classified"] is None and not options["overwrite"]:
         refuse_overwrite(folder, plan)
     warn_of_heights(index.system, options["formats"])
@@ -366,6 +368,7 @@ def describe_plan(
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,
         "vegetation": None if vegetation is None else vegetation.model_dump(),
         "others": recipe.others,
+        "smallest": recipe.smallest,
         "lod": recipe.lod,
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "buffer": recipe.buffer,
