@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 from eaves.flow import region as steps
-from eaves.flow.outputs import finished_models, write_outputs
+from eaves.flow.collisions import edits_and_work
+from eaves.flow.outputs import begin_writing, finished_models, write_outputs
 from eaves.flow.region import Core, Region, TooNarrowError
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.formats.atomic import DiskFullError, report_full_disk
@@ -30,8 +31,9 @@ from eaves.model.provenance import Provenance
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
 from eaves.run.lock import lock_folder
-from eaves.run.manifest import begin_manifest, end_manifest
+from eaves.run.manifest import end_manifest
 from eaves.run.options import RunOptions, list_options
+from eaves.run.set_aside import set_aside
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
@@ -174,6 +176,8 @@ def build_run(
     """All files of a run but for the report: as one region, or tile by tile."""
     if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
         workers.start(partial(steps.import_methods, run.recipe))
+    if run.options["overwrite"] and run.classified is None:
+        set_aside(run.folder, [path for path, _ in edits_and_work(run.folder, run.planned)])
     run = look_at_scan(run)  # while they start
     if run.by_tiles:
         return build_tiles(run, workers, progress)
@@ -237,7 +241,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
     """
     from eaves.flow.tiles import Tiles  # late: most runs have none
 
-    begin_manifest(run.folder)
+    begin_writing(run)
     tiles = Tiles(run)
     while tiles.todo:
         for count, outcome in enumerate(workers.run(build_tile, tiles.tasks()), 1):
@@ -247,6 +251,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
             progress("tiles", count, len(tiles.todo))
         tiles.look_again()
     steps.warn_of_wrong_boxes(run.index, tiles.wrong_boxes)
+    begin_writing(run)
     return tiles.merge(workers, progress)
 
 

@@ -16,7 +16,7 @@ from typing import Any, Self, Unpack
 
 from eaves.flow.advice import scan_facts
 from eaves.flow.collisions import refuse_collisions, refuse_overwrite
-from eaves.flow.exports import check_formats
+from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
 from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
@@ -132,6 +132,11 @@ class Run:
         return Provenance(names, len(self.index), datum["name"], datum["status"])
 
     @property
+    def planned(self) -> set[str]:
+        """Names in the folder of the files, and folders of files, that it writes."""
+        return planned_files(self.index, self.options)
+
+    @property
     def lock(self) -> str:
         """Name of the file that holds the folder for this run; several may each write one file into it."""
         return LOCK if self.classified is None else f"{LOCK}-{self.classified.stem}"
@@ -225,7 +230,7 @@ def plan_run(
             raise InputError.about(path, "changed while the run was reading it", "run again")
     plan = describe_plan(index, recipe, options, map_, hashes)
     if options["classified"] is None and not options["overwrite"]:
-        refuse_overwrite(folder, plan)
+        refuse_overwrite(folder, plan, planned_files(index, options))
     warn_of_heights(index.system, options["formats"])
     given = "footprints" in polygons
     run = Run(
@@ -328,6 +333,19 @@ def claim(folder: Path) -> None:
         raise InputError(
             f"{folder}: the output folder cannot be written ({error.strerror}); choose another with -o"
         ) from None
+
+
+def planned_files(index: Index, options: RunOptions) -> set[str]:
+    """Names in the output folder of the files, and folders of files, that a run will write."""
+    planned, taken = planned_names(options["outputs"], options["formats"]), set[str]()
+    if options["per_tile"] or index.points > TILES_ABOVE:
+        planned.add("tiles")
+    if options["steps"]:
+        planned.add("steps")
+    for number in range(len(index)) if "classified" in options["outputs"] else ():
+        name = classified_name(index.path(number), len(index) == 1, taken)
+        planned |= {name, str(Path(name).with_suffix(".copc.laz"))} if COPC in options["formats"] else {name}
+    return planned
 
 
 def describe_plan(
