@@ -8,7 +8,9 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+import rasterio
 import shapely
+from rasterio.windows import from_bounds
 from tests.conftest import build_in_blocks
 from tests.run.test_long_buildings import features
 
@@ -76,3 +78,24 @@ def test_a_second_run_computes_only_the_tile_that_failed(
     assert second.complete
     assert len(calls) == made + 1
     assert second.found == 9
+
+
+@pytest.mark.usefixtures("small_tiles")
+def test_the_mask_of_a_house_across_the_border_of_two_tiles_is_that_of_one_piece(
+    nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    las = laspy.read(nine_roofs_file)
+    las.x = np.asarray(las.x) - nine_roofs.buildings[4].footprint.centroid.x  # the border runs through it
+    las.write(tmp_path / "moved.laz")
+    wanted = ("footprints", "models", "rasters", "mask")
+    build(tmp_path / "moved.laz", tmp_path / "whole", outputs=wanted)
+    build(tmp_path / "moved.laz", tmp_path / "tiled", outputs=wanted, per_tile=True)
+    with rasterio.open(tmp_path / "whole" / "mask.tif") as whole:
+        seen = np.zeros(whole.shape, np.uint8)
+        for path in (tmp_path / "tiled" / "tiles").glob("*/mask.tif"):
+            with rasterio.open(path) as tile:
+                window = from_bounds(*tile.bounds, transform=whole.transform).round_offsets()
+                rows, columns = window.toslices()
+                seen[rows, columns] |= tile.read(1)
+        assert np.array_equal(seen, whole.read(1))
+    assert seen.any()

@@ -24,7 +24,7 @@ from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.raster.surfaces import CELL
 from eaves.run.manifest import add_to_manifest
 from eaves.run.workers import Workers
-from eaves.run.world_squares import squares_touching
+from eaves.run.world_squares import squares_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem, pro
     polygons = pyogrio.raw.read(footprints, layer="footprints", columns=[], bbox=tuple(extent))[2]
     shapes = shapely.transform(shapely.from_wkb(polygons), lambda xy: xy * unit)
     bounds = Bounds(*(round(side * unit / CELL) * CELL for side in extent))
-    blocks, path = squares_touching(bounds, BLOCK_SIDE), place / "mask.tif"
+    blocks, path = squares_of(bounds, BLOCK_SIDE), place / "mask.tif"
     written = write_run_mask(system, blocks, list(np.asarray(shapes, object)), bounds, path, provenance)
     add_to_manifest(place, written)
 
