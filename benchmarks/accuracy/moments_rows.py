@@ -144,7 +144,7 @@ def main() -> None:
     """Print and keep the table."""
     keep(
         "moments-rows",
-        "Deviation within rows of like houses (delft, AHN3, 5 roof points/m² a strip)",
+        "Rows of like houses",
         list(deviation_rows(Path(os.environ["EAVES_DATA"]))),
         COMMAND,
         "To reach: 0.10 m and 1°. Source 5: 0.1–0.2 m. Each house is the two largest planes that face each "

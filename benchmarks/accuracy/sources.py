@@ -191,7 +191,7 @@ def main() -> None:
     names = list(SETS)
     rows = sorted([*rows, *others], key=lambda row: names.index(str(row["data"])))
     town.cleanup()
-    keep("sources", "The five published systems, whole", rows, COMMAND, NOTE)
+    keep("sources", "The published systems", rows, COMMAND, NOTE)
 
 
 NOTE = """Each row is one `eaves build --source NAME [--as-published]` from unclassified points in bare files.

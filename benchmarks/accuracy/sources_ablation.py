@@ -70,7 +70,7 @@ def main() -> None:
                 row[f"{name}: points changed"] = int((got != whole).sum())
             print(row, flush=True)
             rows.append(row)
-    keep("sources-ablation", "The published detectors without each of their steps", rows, COMMAND, NOTE)
+    keep("sources-ablation", "Published detectors without a step", rows, COMMAND, NOTE)
 
 
 NOTE = """IoU of building cells (0.5 m, a cell being its highest point) against class 6; on the wooded hill

@@ -23,7 +23,7 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.scale.identical import write_part
-from eaves.change.upkeep.kept import open_kept
+from eaves.change.upkeep.kept import open_again
 from eaves.change.upkeep.update import Updated, update
 from eaves.change.upkeep.versions import lines_of
 from eaves.formats import read_polygons
@@ -82,7 +82,7 @@ def write_tiles(las: laspy.LasData, folder: Path) -> None:
 
 def write_merged(out: Path, like: laspy.LasData, path: Path) -> None:
     """The points that an update used, in one file."""
-    run = open_kept(out)
+    run = open_again(out)
     store = Store(run.work_folder)
     blocks = store.blocks(run.side)
     records = [store.read_points(block) for block in blocks]

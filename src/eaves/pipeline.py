@@ -14,7 +14,7 @@ Each step is a function of `flow/region.py` on one region. Those whose results a
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -40,6 +40,15 @@ if TYPE_CHECKING:
     from eaves.buildings.join import OwnedBuildings
     from eaves.flow.classified_points import PointSink
     from eaves.flow.tiles import TileDone, TileTask
+
+
+Correction = Callable[[Region, list[Block]], list[Block]]
+"""Changes the buildings of a region, which blocks own; returns the blocks that own buildings then."""
+
+
+def no_correction(region: Region, owners: list[Block]) -> list[Block]:
+    """The `Correction` that changes nothing."""
+    return owners
 
 
 @list_options
@@ -171,9 +180,13 @@ def hold_folder(run: Run) -> Iterator[Workers]:
 
 
 def build_run(
-    run: Run, workers: Workers, progress: Progress = no_progress, sink: PointSink | None = None
+    run: Run,
+    workers: Workers,
+    progress: Progress = no_progress,
+    sink: PointSink | None = None,
+    correct: Correction = no_correction,
 ) -> Summary:
-    """All files of a run but for the report: as one region, or tile by tile."""
+    """All files of a run but for the report: as one region, its buildings corrected, or tile by tile."""
     if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
         workers.start(partial(steps.import_methods, run.recipe))
     if run.options["overwrite"] and run.classified is None:
@@ -182,7 +195,7 @@ def build_run(
     if run.by_tiles:
         return build_tiles(run, workers, progress)
     region = steps.open_region(run, workers, progress)
-    summary = build_region(region, sink)
+    summary = build_region(region, sink, correct)
     steps.warn_of_wrong_boxes(run.index, region.wrong_boxes)
     return summary
 
@@ -193,7 +206,9 @@ def end_run(run: Run, summary: Summary) -> None:
         end_manifest(run.folder, summary.files, summary.complete)
 
 
-def build_region(region: Region, sink: PointSink | None = None) -> Summary:
+def build_region(
+    region: Region, sink: PointSink | None = None, correct: Correction = no_correction
+) -> Summary:
     """The buildings, rasters and points of the region's core; its results go when nothing failed.
 
     Raises
@@ -201,8 +216,9 @@ def build_region(region: Region, sink: PointSink | None = None) -> Summary:
     TooNarrowError
         When the bounds loaded do not hold the core's buildings.
     """
+    steps.drop_upkeep(region)
     bring_points(region)
-    owners = find_buildings(region)
+    owners = correct(region, find_buildings(region))
     summary = write_outputs(region, owners, sink)
     steps.end_region(region, summary.complete)
     return summary

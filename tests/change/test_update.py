@@ -18,8 +18,7 @@ from pyproj import CRS
 
 from eaves.blocks.superseded import GAP_CELLS, find_superseded, load_scans, pair_same, see_scans
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
-from eaves.change.upkeep.kept import open_kept
-from eaves.change.upkeep.rebuild import rebuild
+from eaves.change.upkeep.kept import open_again
 from eaves.change.upkeep.update import Updated, date_of, update
 from eaves.change.upkeep.versions import lines_of, terminated
 from eaves.formats import InputError, read_polygons
@@ -196,7 +195,7 @@ def test_one_goes_and_one_is_modelled_again__the_others_keep_their_lines(
 def test_an_update_gives_what_a_build_of_what_stays_and_what_is_new_gives(
     epochs: Path, updated: Updated
 ) -> None:
-    run = open_kept(epochs / "out2")
+    run = open_again(epochs / "out2")
     store = Store(run.work_folder)
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, places, records = [1e-4] * 3, [], []
@@ -229,7 +228,7 @@ def test_edits_are_kept__and_an_update_follows_an_update(epochs: Path, updated: 
     outlines = {row["id"]: polygon for polygon, row in zip(polygons, rows, strict=True)}
     kept = next(name for name in outlines if name not in updated.versions.remodelled)
     write_edits(epochs / "edit.gpkg", [Edit(NO_BUILDING, outlines[kept], kept)], LOCAL_METRES)
-    rebuild(epochs / "corrected", epochs / "edit.gpkg")
+    update(epochs / "corrected", edits=epochs / "edit.gpkg")
     before = lines_of(epochs / "corrected" / "buildings.city.jsonl")
     (epochs / "back").mkdir()
     las = laspy.read(epochs / "old" / "points.laz")
@@ -243,7 +242,7 @@ def test_edits_are_kept__and_an_update_follows_an_update(epochs: Path, updated: 
     assert set(after) == set(before)
     assert kept not in after
     assert {name for name in after if after[name] != before[name]} == set(done.versions.remodelled)
-    again = rebuild(epochs / "out3")
+    again = update(epochs / "out3")
     assert again.removed == (kept,)
     assert lines_of(epochs / "out3" / "buildings.city.jsonl") == after
 
@@ -385,6 +384,17 @@ def test_points_known_already_change_nothing(epochs: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+def test_names_of_an_update_stay_in_one_that_changes_nothing(
+    epochs: Path, updated: Updated, tmp_path: Path
+) -> None:
+    shutil.copy(epochs / "tiles" / f"{RAISED}.laz", tmp_path / "again.laz")
+    done = update(epochs / "out2", tmp_path / "again.laz", tmp_path / "out3", date="2027-05-01")
+    assert (done.points, done.blocks[0]) == ((0, 0), 0)
+    old, new = (place / "buildings.city.jsonl" for place in (epochs / "out2", tmp_path / "out3"))
+    assert lines_of(old) == lines_of(new)
+
+
+@pytest.mark.slow
 def test_an_edited_building_that_changed_has_its_next_version(
     epochs: Path, updated: Updated, tmp_path: Path
 ) -> None:
@@ -393,7 +403,7 @@ def test_an_edited_building_that_changed_has_its_next_version(
     polygons, _, rows, _ = read_polygons(tmp_path / "out" / "footprints.gpkg", "footprints")
     outline = next(one for one, row in zip(polygons, rows, strict=True) if row["id"] == name)
     write_edits(tmp_path / "edit.gpkg", [Edit(FLAT_ROOF, outline, name)], LOCAL_METRES)
-    rebuild(tmp_path / "out", tmp_path / "edit.gpkg")
+    update(tmp_path / "out", edits=tmp_path / "edit.gpkg")
     update(tmp_path / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01")
     feature = json.loads(lines_of(tmp_path / "out2" / "buildings.city.jsonl")[name])
     about = feature["CityObjects"][name]["attributes"]
@@ -403,10 +413,13 @@ def test_an_edited_building_that_changed_has_its_next_version(
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:'crs' was not provided")
-def test_edits_that_wait_are_rebuilt_first(epochs: Path, tmp_path: Path) -> None:
+def test_edits_that_wait_in_the_layer_are_carried_over(epochs: Path, tmp_path: Path) -> None:
     shutil.copytree(epochs / "out", tmp_path / "out")
     path = tmp_path / "out" / "footprints.gpkg"
     frame = pyogrio.read_dataframe(path, layer="footprints")
+    gone = frame["id"][0]
     pyogrio.write_dataframe(frame.drop(index=0), path, layer="footprints")
-    with pytest.raises(InputError, match="run eaves update"):
-        update(tmp_path / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01")
+    done = update(tmp_path / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01")
+    assert gone not in lines_of(tmp_path / "out2" / "buildings.city.jsonl")
+    assert [(edit.id, edit.verdict) for edit in done.edits] == [(gone, NO_BUILDING)]
+    assert not (tmp_path / "out" / "edits.gpkg").exists()

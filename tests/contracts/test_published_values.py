@@ -29,7 +29,7 @@ NUMBERS_OF_STEPS = {
     "planar_patches": "fit_points",
     "smooth_region": "neighbours smooth_angle area_cell",
     "normal_echo": "neighbours wall_angle max_later smooth_angle noise_area join curved on_roof",
-    "ransac_lines": "alpha near skip shortest tolerance",
+    "ransac_lines": "alpha near skip shortest tolerance corner_reach",
     "region_growing": "min_area neighbours max_curvature normal_threshold distance_share gap_share max_slope "
     "fewest_neighbours most_neighbours normal_error curved_share line_neighbours noise_sample "
     "calm_share",

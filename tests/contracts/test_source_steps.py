@@ -25,7 +25,6 @@ SETS = ("delft/ahn3.laz", "ign_urban", "misc/lidR_Topography.laz")
 """Houses in rows; houses among vegetation; a wooded hill without any."""
 CANNOT_ACT = {
     ("xiao2014", "mean density"): "where echoes and small regions have left, crowns are as dense as roofs",
-    ("ren_fcs", "iteration of the DTM"): "terrain drawn between contours is near where the rounds end",
 }
 """Steps that change nothing on any set, and why."""
 

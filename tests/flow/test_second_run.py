@@ -14,9 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import eaves
 from eaves import IncompleteRunError, InputError, Summary
-from eaves.change.upkeep.rebuild import rebuild
+from eaves.change.edits import read_edits
+from eaves.change.upkeep.update import update
 from eaves.flow.exports import export_run
+from eaves.model import CoordinateSystem
 from eaves.pipeline import build
 from eaves.run.manifest import check_folder
 from eaves.run.options import RunOptions
@@ -42,6 +45,7 @@ def build_again(file: Path, out: Path, **options: Any) -> Summary:
 
 
 MODELS = "buildings.city.jsonl"
+FAR_HALF = (85010.0, 447000.0, 85200.0, 447300.0)
 HALF = (84900.0, 447000.0, 85010.0, 447300.0)
 """Bounds that hold some of the nine roofs."""
 
@@ -61,16 +65,43 @@ def test_edits_stay_unless_overwritten(nine_roofs_file: Path, out: Path, tmp_pat
     with closing(sqlite3.connect(out / "footprints.gpkg")) as layer:
         (name,) = layer.execute("SELECT id FROM footprints").fetchone()
     (tmp_path / "verdicts.csv").write_text(f"id,verdict\n{name},no building\n")
-    assert rebuild(out, tmp_path / "verdicts.csv").summary.found == 8
+    assert update(out, edits=tmp_path / "verdicts.csv").summary.found == 8
     before = (out / "edits.gpkg").read_bytes()
     with pytest.raises(InputError, match=r"edits.gpkg: holds edits of \d+ \w+ \d{4}; .* --overwrite"):
         build_again(nine_roofs_file, out)
     assert (out / "edits.gpkg").read_bytes() == before
-    assert rebuild(out).summary.found == 8
+    assert update(out).summary.found == 8
     before = (out / "edits.gpkg").read_bytes()
     assert build_again(nine_roofs_file, out, overwrite=True).found == 9
     assert not (out / "edits.gpkg").exists()
     assert (out / "before-1" / "edits.gpkg").read_bytes() == before
+
+
+def test_edits_are_carried_to_a_new_build__and_those_without_a_building_are_named(
+    nine_roofs_file: Path, out: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with closing(sqlite3.connect(out / "footprints.gpkg")) as layer:
+        names = [name for (name,) in layer.execute("SELECT id FROM footprints")]
+    verdicts = f"id,verdict\n{names[0]},no building\n{names[1]},flat roof\n"
+    (tmp_path / "verdicts.csv").write_text(verdicts)
+    assert update(out, edits=tmp_path / "verdicts.csv").summary.found == 8
+    right = (out / MODELS).read_text()
+    edits = read_edits(out / "edits.gpkg", CoordinateSystem())
+    for options in ({"keep": True}, {}):
+        assert eaves.build(nine_roofs_file, out, outputs=("footprints", "models"), **options).found == 8
+        assert (out / MODELS).read_text() == right
+        again = read_edits(out / "edits.gpkg", CoordinateSystem())
+        assert [(one.id, one.verdict, one.source) for one in again] == [
+            (one.id, one.verdict, one.source) for one in edits
+        ]
+        assert check_folder(out) == [] and not (out / "before-1").exists()
+    with caplog.at_level("WARNING", "eaves"):
+        half = eaves.build(nine_roofs_file, out, outputs=("footprints", "models"), bounds=FAR_HALF)
+    assert half.found < 8
+    assert f"edit: no building of '{names[0]}': there is no such building" in caplog.text
+    assert len(read_edits(out / "edits.gpkg", CoordinateSystem())) == 2
+    assert eaves.build(nine_roofs_file, out, outputs=("footprints", "models"), overwrite=True).found == 9
+    assert (out / "before-1" / "edits.gpkg").exists() and not (out / "edits.gpkg").exists()
 
 
 def test_a_column_that_a_person_added_stays(nine_roofs_file: Path, out: Path) -> None:
@@ -127,7 +158,7 @@ def test_what_a_person_saves_while_a_run_computes_is_kept(nine_roofs_file: Path,
 def test_columns_of_a_layer_whose_edits_are_taken_are_kept(nine_roofs_file: Path, out: Path) -> None:
     execute(out / "footprints.gpkg", "ALTER TABLE footprints ADD COLUMN mine TEXT")
     before = (out / "footprints.gpkg").read_bytes()
-    assert rebuild(out).summary.found == 9
+    assert update(out).summary.found == 9
     assert (out / "before-1" / "footprints.gpkg").read_bytes() == before
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from eaves.evaluate.ground import evaluate_ground
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.contours import ContourGround
+from eaves.ground.contours.tracing import Contour
 from eaves.ground.smooth_region import SmoothRegion
 from eaves.model import Mask, PointCloud
 
@@ -39,6 +42,49 @@ def hilly_scene() -> tuple[PointCloud, Mask]:
 def test_houses_and_trees_leave_a_hillside(method: GroundMethod) -> None:
     cloud, truth = hilly_scene()
     assert evaluate_ground(classify_ground(cloud, method).ground, truth).total_error < 0.04
+
+
+def test_the_first_round_of_the_iteration_makes_the_filter__and_none_leaves_the_contours() -> None:
+    cloud, truth = hilly_scene()
+    errors = [
+        evaluate_ground(classify_ground(cloud, ContourGround(rounds=rounds)).ground, truth).total_error
+        for rounds in (0, 1, 10)
+    ]
+    assert errors[0] > 0.1
+    assert errors[2] <= errors[1] < 0.04
+
+
+@pytest.mark.parametrize(
+    ("xy", "closed", "expected"),
+    [
+        ([[0, 0], [80, 0], [80, 90]], False, True),
+        ([[0, 0], [50, 0], [50, 90]], True, False),
+        ([[0, 0], [100, 0], [100, 50], [10, 0]], False, False),
+        ([[0, 0], [60, 0]], False, False),
+    ],
+    ids=["long and open", "closed", "ends near", "short"],
+)
+def test_a_contour_lies_on_terrain_by_closing_ends_and_length(
+    xy: list[list[float]], closed: bool, expected: bool
+) -> None:
+    line = np.array(xy, np.float64) + [84900.0, 447500.0]
+    assert ContourGround().on_terrain(Contour(3.0, line, closed)) == expected
+
+
+def test_contours_apart_and_both_terrains_are_steps() -> None:
+    cloud, _ = hilly_scene()
+    steps: dict[str, Any] = {}
+    classify_ground(cloud, ContourGround(), debug=steps.__setitem__)
+    assert list(steps) == [
+        "surface",
+        "contours on terrain",
+        "contours off terrain",
+        "first terrain",
+        "terrain",
+    ]
+    assert all(ContourGround().on_terrain(one) for one in steps["contours on terrain"])
+    assert not any(ContourGround().on_terrain(one) for one in steps["contours off terrain"])
+    assert np.abs(steps["first terrain"].values - steps["terrain"].values).max() > 0.5
 
 
 def test_the_papers_one_region_is_kept_when_level_is_zero() -> None:

@@ -14,6 +14,9 @@ import numpy as np
 import pytest
 
 import eaves
+from eaves.buildings.building_file import as_found
+from eaves.change.edits import FLAT_ROOF, Edit
+from eaves.change.upkeep.corrected import correct, outlines_in
 from eaves.flow.region import Region, open_region
 from eaves.flow.run import Run, no_progress, open_run
 from eaves.flow.step import Input, Step, home_of
@@ -37,6 +40,7 @@ def kept(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Run
     run = replace(open_run(nine_roofs_file, folder, keep=True, outputs=("models",)), side=SIDE)
     with hold_folder(run) as workers:
         end_run(run, build_run(run, workers))
+    Again(replace(run.with_options(resume=True))).edited()
     return replace(run.with_options(resume=True), generations=(7,))
 
 
@@ -95,7 +99,7 @@ def test_the_code_of_a_method_is_in_the_keys_of_the_steps_that_are_given_it_alon
 def test_a_detector_does_not_reach_the_ground_nor_a_roof_the_regions(kept: Run, tree: Path) -> None:
     before = keys_in(tree, kept)
     add_line(tree / "roof" / "global_refinement" / "method.py")
-    assert changed(before, keys_in(tree, kept)) == {"buildings"}
+    assert changed(before, keys_in(tree, kept)) == {"buildings", "edited"}
     before = keys_in(tree, kept)
     add_line(tree / "detect" / "consensus" / "method.py")
     assert changed(before, keys_in(tree, kept)) == {"regions"}
@@ -137,13 +141,13 @@ CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
     "a number of the detector": (with_method("detect", min_height=2.1), {"regions"}),
     "the outline": (with_recipe(outline=eaves.AlphaShape()), {"buildings"}),
     "the units": (with_recipe(units=None), {"buildings"}),
-    "the roof": (with_recipe(roof=eaves.RegionGrowing()), {"buildings"}),
-    "the reconstruction": (with_recipe(reconstruct=eaves.Prism()), {"buildings"}),
-    "the level": (with_recipe(lod="1.2"), {"buildings"}),
-    "overhangs": (with_recipe(lod="2.3"), {"regions", "buildings"}),
+    "the roof": (with_recipe(roof=eaves.RegionGrowing()), {"buildings", "edited"}),
+    "the reconstruction": (with_recipe(reconstruct=eaves.Prism()), {"buildings", "edited"}),
+    "the level": (with_recipe(lod="1.2"), {"buildings", "edited"}),
+    "overhangs": (with_recipe(lod="2.3"), {"regions", "buildings", "edited"}),
     "limits of overhangs": (
         with_recipe(overhangs=replace(OverhangRules(), **{next(iter(vars(OverhangRules()))): 0.123})),
-        {"buildings"},
+        {"buildings", "edited"},
     ),
     "the classes of the files": (
         with_recipe(use_classes=True),
@@ -204,8 +208,14 @@ class Again:
         bring_points(region)
         return region
 
+    def edited(self) -> None:
+        self.computed(self.opened())
+
     def computed(self, region: Region) -> dict[str, set[Block]]:
+        """Units of each step, the edits among them: every roof is said to be flat."""
         find_buildings(region)
+        outlines = outlines_in(as_found(region.store), SIDE)
+        correct(region, [Edit(FLAT_ROOF, outline, name) for name, outline in outlines.items()])
         assert not region.failed
         return {name: units for name, units in self.workers.units.items() if units}
 
@@ -256,8 +266,8 @@ def test_a_changed_input_is_looked_at_by_the_units_that_it_reaches_and_by_no_oth
     computed = again.computed(region)
     same = [other for other in step.takes if other.source is one.source]
     expected = {unit for unit in units if any(reaches(other, again.run, unit, square) for other in same)}
-    if step.name == "buildings":  # of blocks around all that their buildings lie in
-        assert expected <= computed[step.name]
+    if step.name in ("buildings", "edited"):  # of blocks around all that their buildings lie in
+        assert expected <= computed.get(step.name, set())
     else:
         assert computed[step.name] == expected
     if one.source is not None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from shapely import affinity
+import pytest
+import shapely
+from shapely import Polygon, affinity
 from tests.outline.test_global_fit import L_SHAPE, corner_count, iou, scanned
 
-from eaves.model import Boundary, Footprint
+from eaves.model import Boundary, Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.outline.ransac_lines import RansacLines, long_runs
 
@@ -32,3 +34,42 @@ def test_an_l_shape_is_drawn_with_right_angles__inside_by_half_a_spacing() -> No
     run = np.diff(np.array(footprint.polygon.exterior.coords), axis=0)
     assert np.ptp(np.degrees(np.arctan2(run[:, 1], run[:, 0])) % 90) < 0.05
     assert footprint.polygon.area < truth.area
+
+
+NECK = Polygon([(7, 5), (8, 4.5), (13, 8), (12, 9)])
+DUMBBELL = shapely.union_all([shapely.box(0, 0, 8, 6), shapely.box(12, 7, 20, 14), NECK])
+"""Two blocks that a slanting passage joins."""
+TEETH = [
+    affinity.rotate(shapely.box(k, 1.0, k + 1.6, 9.0), angle)
+    for k, angle in zip((1, 5, 9, 13, 17), (-11, -5, 0, 5, 11), strict=True)
+]
+COMB = shapely.union_all([shapely.box(0, 0, 20, 2), *TEETH])
+"""Narrow wings that fan out."""
+
+
+@pytest.mark.parametrize("plan", [DUMBBELL, COMB], ids=["dumbbell", "comb"])
+@pytest.mark.parametrize("angle", [0.0, 20.0, 33.0])
+@pytest.mark.parametrize(
+    "method", [RansacLines.as_published("xiao2014"), RansacLines()], ids=["published", ""]
+)
+def test_no_point_is_left_outside_where_segments_make_no_ring(
+    plan: Polygon, angle: float, method: RansacLines
+) -> None:
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        turned = affinity.rotate(plan, angle)
+        west, south, east, north = turned.bounds
+        xy = rng.uniform((west, south), (east, north), (round(6.0 * (east - west) * (north - south)), 2))
+        xy = xy[shapely.contains_xy(turned, xy)] + [84900.0, 447500.0]
+        points = np.c_[xy, np.full(len(xy), 6.0)]
+        spacing = 6.0**-0.5
+        part = method.parts(points, spacing)
+        away = np.full(len(points), np.inf)
+        for number in range(int(part.max()) + 1):
+            boundary = trace_outline(points[part == number], spacing, method)
+            assert not isinstance(boundary, Failure)
+            (footprint,) = regularise_outlines([boundary], method)
+            assert isinstance(footprint, Footprint)
+            away = np.minimum(away, shapely.distance(shapely.points(xy), footprint.polygon))
+        assert np.quantile(away, 0.99) < method.shortest * spacing
+        assert (away > method.shortest * spacing).sum() <= 1

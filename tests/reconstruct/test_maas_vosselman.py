@@ -12,6 +12,7 @@ from eaves.model import BuildingModel, Footprint, Points
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.maas_vosselman import MaasVosselman
 from eaves.reconstruct.maas_vosselman.primitives import cut_plan, fill_of
+from eaves.reconstruct.moments import Moments
 from eaves.roof import segment_roof
 from eaves.roof.tin_faces import TinFaces
 from eaves.validate import validate_model
@@ -65,6 +66,36 @@ def test_a_gable_with_a_flat_wing_is_two_houses_in_one_solid() -> None:
     height, _, _ = surface_heights(model.solids["2.2"], inner)
     assert np.median(np.abs(height - two_heights(inner))) < 0.01
     assert np.quantile(np.abs(height - two_heights(inner)), 0.99) < 0.05
+
+
+def drawn_gable() -> tuple[Points, Polygon]:
+    """Points on a gable house of 14 m by 8 m, turned and far from the origin, and its plan."""
+    rng = np.random.default_rng(6)
+    u, v = rng.uniform([[-7.0], [-4.0]], [[7.0], [4.0]], (2, 600))
+    z = 9.0 - 0.7 * np.abs(v) + 0.03 * rng.standard_normal(600)
+    x, y = 310 + np.cos(0.5) * u - np.sin(0.5) * v, 170 + np.sin(0.5) * u + np.cos(0.5) * v
+    plan = shapely.affinity.rotate(shapely.box(-7, -4, 7, 4), 0.5, origin=(0, 0), use_radians=True)
+    return np.c_[x, y, z], shapely.affinity.translate(plan, 310, 170)
+
+
+@pytest.mark.parametrize("ground_plan", [True, False])
+def test_the_closed_solution_runs_in_its_own_chain(ground_plan: bool) -> None:
+    points, plan = drawn_gable()
+    facts = []
+    for closed_only in (False, True):
+        houses = Moments(ground_plan=ground_plan, closed_only=closed_only)
+        model = reconstruct_building(points, Footprint(plan), [], 0.0, MaasVosselman(houses=houses))
+        assert isinstance(model, BuildingModel)
+        assert model.attributes["primitives_by_moments"] == 1
+        facts.append(model.attributes)
+        inner = points[shapely.contains_xy(plan.buffer(-0.3), points[:, :2])]
+        height, _, _ = surface_heights(model.solids["2.2"], inner[:, :2])
+        assert np.quantile(np.abs(height - inner[:, 2]), 0.95) < 0.15
+    fitted, closed = facts
+    assert fitted["house_eaves_m"] != closed["house_eaves_m"] == pytest.approx(closed["house_eaves_closed_m"])
+    assert fitted["house_eaves_sd_m"] > 0.0 and closed["house_eaves_sd_m"] is None
+    assert (fitted["house_length_m"] == pytest.approx(14.0, abs=1e-6)) == ground_plan
+    assert abs(closed["house_orientation_deg"] - np.degrees(0.5)) < 2.0
 
 
 def test_a_roof_that_is_no_standard_house_is_made_of_its_faces() -> None:

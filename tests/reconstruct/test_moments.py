@@ -11,7 +11,13 @@ from eaves.model import BuildingModel, Failure, Footprint
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.extents import extent_of
-from eaves.reconstruct.moments.invariants import SurfaceMoments, border_growth, closed_form, surface_moments
+from eaves.reconstruct.moments.invariants import (
+    ClosedForm,
+    SurfaceMoments,
+    border_growth,
+    closed_forms,
+    surface_moments,
+)
 from eaves.solids.soundness import find_defect
 
 LENGTH, WIDTH, EAVES, RISE = 12.0, 8.0, 5.0, 3.0
@@ -61,11 +67,15 @@ def exact_moments(roof: str, angle: float, length: float = LENGTH, width: float 
     )
 
 
+def closed_of(roof: str, moments: SurfaceMoments, growth: float = 1.0) -> ClosedForm:
+    """The first closed solution of a roof type."""
+    return next(form for form in closed_forms(moments, 0.1, growth) if form.roof == roof)
+
+
 @pytest.mark.parametrize("roof", ["flat", "shed", "gable", "hip"])
 @pytest.mark.parametrize("angle", [0.0, 0.5, 2.0])
 def test_closed_solution_is_exact_on_exact_integrals(roof: str, angle: float) -> None:
-    house = closed_form(exact_moments(roof, angle), 0.1)
-    assert house.roof == roof
+    house = closed_of(roof, exact_moments(roof, angle))
     assert np.allclose((house.length, house.width), (LENGTH, WIDTH), atol=1e-3)
     assert np.isclose(np.cos(2 * (house.orientation - angle)), 1.0, atol=1e-6)
     if roof == "flat":
@@ -76,21 +86,19 @@ def test_closed_solution_is_exact_on_exact_integrals(roof: str, angle: float) ->
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.7])
 def test_closed_pyramid_is_exact_and_takes_its_axes_from_the_fourth_moment(angle: float) -> None:
-    house = closed_form(exact_moments("pyramid", angle, WIDTH, WIDTH), 0.1)
-    assert house.roof == "pyramid"
+    house = closed_of("pyramid", exact_moments("pyramid", angle, WIDTH, WIDTH))
     assert np.isclose(np.cos(4 * (house.orientation - angle)), 1.0, atol=1e-6)
     assert np.allclose((house.eaves, house.ridge), (EAVES, EAVES + RISE), atol=2e-3)
 
 
 def test_squarish_gable_takes_its_axis_from_the_heights() -> None:
-    house = closed_form(exact_moments("gable", 0.4, 8.4, 8.0), 0.1)
+    house = closed_of("gable", exact_moments("gable", 0.4, 8.4, 8.0))
     assert np.isclose(np.cos(2 * (house.orientation - 0.4)), 1.0, atol=1e-6)
     assert np.isclose(house.rise, RISE, atol=1e-3)
 
 
 def test_ridge_across_the_long_side_is_found() -> None:
-    house = closed_form(exact_moments("gable", 0.4, 6.0, 9.0), 0.1)
-    assert house.roof == "gable"
+    house = closed_of("gable", exact_moments("gable", 0.4, 6.0, 9.0))
     assert np.allclose((house.length, house.width), (6.0, 9.0), atol=1e-3)
 
 
@@ -107,9 +115,8 @@ def test_uneven_density_does_not_move_the_house() -> None:
     u, v = rng.uniform(-6, 6, 3000), rng.uniform(-4, 4, 3000)
     kept = (u < 0) | (rng.random(3000) < 0.25)
     points = np.c_[u, v, height("gable", u, v)][kept]
-    house = closed_form(
-        surface_moments(points, Tin(points[:, :2]).triangles), 0.1, border_growth(len(points))
-    )
+    moments = surface_moments(points, Tin(points[:, :2]).triangles)
+    house = closed_of("gable", moments, border_growth(len(points)))
     assert abs(house.x) < 0.1
     assert np.allclose((house.length, house.width, house.rise), (LENGTH, WIDTH, RISE), atol=0.12)
 
@@ -224,6 +231,39 @@ def test_the_closed_solution_alone_makes_a_house_without_deviations(roof: str) -
         assert facts[f"house_{name}_m"] == pytest.approx(facts[f"house_{name}_closed_m"], abs=0.02)
         assert facts[f"house_{name}_sd_m"] is None
     assert facts["rmse_m"] < 0.25
+
+
+def test_the_closed_solution_takes_a_plan_as_it_is() -> None:
+    points = roof_points("gable", 8.0, 0.03, 4)
+    plan = shapely.affinity.translate(
+        shapely.affinity.rotate(shapely.box(-6.1, -4.1, 6.1, 4.1), np.degrees(0.4), origin=(0, 0)), 100, 50
+    )
+    house = fit_building(points, plan, closed_only=True)
+    assert isinstance(house, ParametricBuilding)
+    assert np.allclose((house.length, house.width, house.orientation), (12.2, 8.2, 0.4))
+    assert np.allclose((house.eaves, house.ridge), (EAVES - 0.075, EAVES + RISE), atol=0.05)
+    free = fit_building(points, closed_only=True)
+    assert isinstance(free, ParametricBuilding) and not np.isclose(free.length, house.length, atol=1e-6)
+
+
+@pytest.mark.parametrize("across", [False, True])
+def test_a_dormer_does_not_turn_the_closed_solution_or_lift_its_eaves(across: bool) -> None:
+    points = roof_points("gable", 8.0, 0.03, 2)
+    local = points[:, :2] - (100.0, 50.0)
+    u, v = local @ (np.cos(0.4), np.sin(0.4)), local @ (-np.sin(0.4), np.cos(0.4))
+    wide = 1.2 if across else 2.5
+    points[(abs(u) < wide) & (v > 1.0) & (v < 3.6), 2] = EAVES + 2.9
+    closed = fit_building(points, closed_only=True)
+    assert isinstance(closed, ParametricBuilding) and closed.roof == "gable"
+    assert abs(np.angle(np.exp(2j * (closed.orientation - 0.4)))) / 2 < np.radians(2.0)
+    assert abs(closed.eaves - EAVES) < 0.15 and abs(closed.ridge - EAVES - RISE) < 0.15
+
+
+def test_a_long_flat_roof_lies_along_its_plan_in_closed_form() -> None:
+    points = roof_points("flat", 5.0, 0.05, 7)
+    closed = fit_building(points, closed_only=True)
+    assert isinstance(closed, ParametricBuilding) and closed.roof == "flat"
+    assert abs(np.angle(np.exp(2j * (closed.orientation - 0.4)))) / 2 < np.radians(2.0)
 
 
 def test_an_l_shape_is_not_a_house() -> None:

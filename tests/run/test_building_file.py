@@ -10,16 +10,13 @@ import shapely
 
 from eaves.buildings import building_file
 from eaves.buildings.building_file import (
-    ANSWERS,
-    ROWS,
     SavedBuilding,
     building_arrays,
-    read_planes,
-    read_section,
+    saved_buildings,
 )
 from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingResult
-from eaves.run.part_file import save_part
+from eaves.run.part_file import load_arrays, save_part
 
 
 def some_results() -> list[BuildingResult]:
@@ -34,8 +31,7 @@ def some_results() -> list[BuildingResult]:
 
 def saved_in(path: Path) -> list[SavedBuilding]:
     """The buildings of a file."""
-    rows, answers = (read_section(path, name, keeps=True) for name in (ROWS, ANSWERS))
-    return [SavedBuilding(rows, answers, number, *told) for number, told in enumerate(read_planes(path))]
+    return saved_buildings(load_arrays(path))
 
 
 def test_a_building_that_is_written_again_is_not_decoded_and_keeps_its_bytes(

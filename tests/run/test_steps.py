@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
+from tests.conftest import write_laz
 
 import eaves
+from eaves.flow.intermediates import StepMaps, lines_of
+from eaves.ground.contours.tracing import Contour
 from eaves.methods import make_method
-from eaves.model import Raster
+from eaves.model import Bounds, Raster
+from eaves.raster.grid import empty_raster
 from eaves.raster.surfaces import make_scene
 from eaves.recipe.sources import SOURCES
+from eaves.simulate.objects.roofs import ExactScene
 
 FIRST = {
     "chen_sun": "detect_patches",
@@ -37,6 +43,58 @@ def test_each_step_of_a_source_is_a_map(source: str, nine_roofs_file: Path, tmp_
             assert image.crs.to_epsg() == 28992
             assert np.isfinite(image.read(1)).any() or path.stem.endswith(("walls", "trees"))
     assert set(maps) <= set(summary.files)
+
+
+@pytest.fixture(scope="module")
+def far_roofs_file(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The nine roofs 120 m from the corner of their block, where a normal is no place."""
+    path = tmp_path_factory.mktemp("far") / "far.laz"
+    write_laz(path, nine_roofs.cloud.xyz + [84960.0 + 120.0, 447120.0 + 100.0, 0.0])
+    return path
+
+
+def test_both_algorithms_of_a_source_are_seen__away_from_the_origin(
+    far_roofs_file: Path, tmp_path: Path
+) -> None:
+    eaves.build(far_roofs_file, tmp_path, source="maas_vosselman", steps=True, outputs=("footprints",))
+    shown = {}
+    for path in sorted((tmp_path / "steps").glob("*/*.tif")):
+        with rasterio.open(path) as image:
+            shown[path.stem.split("_", 1)[1]] = image.read(1)
+    houses = np.isfinite(shown["detect_regions"]) & (shown["detect_regions"] > 0)
+    for step in ("roof_normals_of_triangles", "roof_faces_of_triangles"):
+        assert np.isfinite(shown[step]).sum() > 0.7 * houses.sum(), step
+    upright = shown["roof_normals_of_triangles"][np.isfinite(shown["roof_normals_of_triangles"])]
+    assert upright.min() >= 0.0 and upright.max() <= 1.0
+    assert np.unique(shown["roof_faces_of_triangles"][houses]).size > 3
+    for step in ("primitives", "moments", "lines"):
+        assert np.nansum(shown[f"reconstruct_{step}"]) > 50, step
+
+
+def test_walls_are_the_points_themselves__not_the_highest_of_a_cell() -> None:
+    roof, wall = np.array([[40.2, 50.2, 9.0], [40.3, 50.3, 9.1]]), np.array([[40.25, 50.25, 3.0]])
+    maps = StepMaps(empty_raster(Bounds(0.0, 0.0, 100.0, 100.0), 0.5), {"ground"})
+    maps.of("ground", np.concatenate([roof, wall]))("walls", wall)
+    assert np.nanmax(maps.maps["ground walls"].values) == pytest.approx(3.0)
+
+
+def test_an_open_contour_is_not_closed_by_its_picture() -> None:
+    xy = np.array([[10.0, 10.0], [90.0, 10.0], [90.0, 90.0]])
+    lengths = [sum(line.length for line in lines_of([Contour(3.0, xy, closed)])) for closed in (False, True)]
+    assert lengths == pytest.approx([160.0, 160.0 + 80.0 * np.sqrt(2.0)])
+
+
+@pytest.mark.parametrize("published", [False, True])
+def test_a_run_names_its_source_its_paper_and_whether_it_is_as_published(
+    published: bool, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    eaves.build(
+        nine_roofs_file, tmp_path, source="ren_fcs", as_published=published, outputs=("footprints",), lod="0"
+    )
+    noted = json.loads((tmp_path / "run.json").read_text())
+    assert noted["source"]["name"] == noted["source"]["paper"] == "ren_fcs"
+    assert "Fc-S" in noted["source"]["title"]
+    assert noted["as_published"] is published
 
 
 def test_the_maps_are_those_of_the_method(nine_roofs_file: Path, tmp_path: Path) -> None:

@@ -101,9 +101,20 @@ def building_arrays(
 def read_section(path: Path, name: str, keeps: bool = False) -> Section:
     """A section of a file of `building_arrays`; see `Section`."""
     with open_part(path) as file:
-        blob, ends = file[name].tobytes(), file[f"{name}-ends"].tolist()
+        return section_of(file, name, keeps)
+
+
+def section_of(arrays: Mapping[str, NDArray[Any]], name: str, keeps: bool) -> Section:
+    """A section of `building_arrays`; see `Section`."""
+    blob, ends = arrays[name].tobytes(), arrays[f"{name}-ends"].tolist()
     items = [blob[first:end] for first, end in zip([0, *ends], ends, strict=False)]
     return Section(items, row_of if name == ROWS else None, keeps)
+
+
+def saved_buildings(arrays: Mapping[str, NDArray[Any]]) -> list[SavedBuilding]:
+    """The buildings of `building_arrays`, as they were saved."""
+    rows, answers = section_of(arrays, ROWS, keeps=True), section_of(arrays, ANSWERS, keeps=True)
+    return [SavedBuilding(rows, answers, number, *one) for number, one in enumerate(planes_of(arrays))]
 
 
 @lru_cache(maxsize=SMALL_PARTS)
@@ -118,13 +129,12 @@ def read_rows(path: Path, mark: tuple[int, int]) -> Section:
     return read_section(path, ROWS, keeps=True)
 
 
-def read_planes(path: Path) -> list[tuple[NDArray[np.int64], Labels, str]]:
-    """Ids and roof planes (0 for none) of the points of each building of a file, and its key."""
-    with open_part(path) as file:
-        ends: NDArray[np.int64] = np.cumsum(file["points"])[:-1]
-        pieces = (np.split(file[name], ends) for name in ("point_id", "plane"))
-        keys = [key.decode() for key in file["keys"].tolist()]
-        return list(zip(*(list(some)[: len(keys)] for some in pieces), keys, strict=True))
+def planes_of(arrays: Mapping[str, NDArray[Any]]) -> list[tuple[NDArray[np.int64], Labels, str]]:
+    """Ids and roof planes (0 for none) of the points of each building of `building_arrays`, and its key."""
+    ends: NDArray[np.int64] = np.cumsum(arrays["points"])[:-1]
+    pieces = (np.split(arrays[name], ends) for name in ("point_id", "plane"))
+    keys = [key.decode() for key in arrays["keys"].tolist()]
+    return list(zip(*(list(some)[: len(keys)] for some in pieces), keys, strict=True))
 
 
 def row_of(values: Mapping[str, Any]) -> BuildingRow:
@@ -158,8 +168,8 @@ class Kept:
         path = self.path(owner)
         if path is None:
             return []
-        rows, answers = read_section(path, ROWS, keeps=True), read_section(path, ANSWERS, keeps=True)
-        return [SavedBuilding(rows, answers, number, *one) for number, one in enumerate(read_planes(path))]
+        with open_part(path) as file:
+            return saved_buildings(file)
 
     def rows(self, owners: Sequence[Block]) -> Iterator[BuildingRow]:
         """The rows of all buildings, owner block by owner block."""
@@ -174,7 +184,9 @@ class Kept:
     def planes(self, owner: Block) -> Iterator[tuple[NDArray[np.int64], Labels]]:
         """Ids and roof planes (0 for none) of the points of each building owned by one block."""
         path = self.path(owner)
-        yield from ((ids, plane) for ids, plane, _ in read_planes(path)) if path else ()
+        if path is not None:
+            with open_part(path) as file:
+                yield from ((ids, plane) for ids, plane, _ in planes_of(file))
 
     def section(self, owner: Block, name: str) -> Section:
         """A section of the file of an owner block's buildings."""

@@ -95,12 +95,13 @@ def try_building(
     footprint: Footprint | Failure,
     recipe: Recipe,
     unit_m: float,
+    flat: bool = False,
     check: bool = True,
 ) -> BuildingResult:
     """The answer of `building_pass`, or what is left of a building where it raises: one must not take the
     others of its block with it."""
     try:
-        return building_pass(building, footprint, recipe, unit_m, False, check)
+        return building_pass(building, footprint, recipe, unit_m, flat, check)
     except Exception as error:
         name = building.owner_block.name
         log.warning("a building of block %s failed: %s: %s", name, type(error).__name__, error)

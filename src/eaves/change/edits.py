@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from eaves.buildings.edited import Order
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.geometry.overlaps import HALF
@@ -163,26 +164,6 @@ def edits_of_layer(path: Path, system: CoordinateSystem, before: dict[str, Polyg
     return edits
 
 
-@dataclass(frozen=True, eq=False)
-class Order:
-    """The order for one building: its outlines (several between party walls, none for no building),
-    whether its roof is flat, and the edits that say so."""
-
-    id: str
-    outlines: tuple[Polygon, ...]
-    flat: bool
-    edits: tuple[Edit, ...]
-    known: bool = True
-    """True if the run found the building."""
-
-    @property
-    def provenance(self) -> dict[str, str]:
-        """The attributes of an edited building."""
-        verdicts = dict.fromkeys(edit.verdict for edit in self.edits)
-        sources = dict.fromkeys(edit.source for edit in self.edits)
-        return {"edit": ", ".join(verdicts), "edit_source": ", ".join(sources)}
-
-
 def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Order], list[str]]:
     """The orders that follow from all edits of a run, and the conflicts among them, in words.
 
@@ -210,10 +191,8 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
                 f"{edit.verdict} of '{edit.id}': there is no such building at its place; left out"
             )
     orders = [settled(name, some, outlines[name], conflicts) for name, some in own.items()]
-    orders += [
-        replace(settled(name, some, some[0].polygon, conflicts), known=False) for name, some in fresh.items()
-    ]
-    return [order for order in orders if order is not None], conflicts
+    orders += [settled(name, some, some[0].polygon, conflicts) for name, some in fresh.items()]
+    return orders, conflicts
 
 
 def located(edit: Edit, names: Sequence[str], outlines: dict[str, Polygon], tree: shapely.STRtree) -> str:
@@ -250,4 +229,7 @@ def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[
                 conflicts.append(f"{name}: a second outline: the later one holds")
             outlines = (edit.polygon,)
         last = verdict if verdict != FLAT_ROOF else last
-    return Order(name, () if gone else outlines, flat, tuple(used))
+    attributes = {"edit": dict.fromkeys(edit.verdict for edit in used)}
+    attributes["edit_source"] = dict.fromkeys(edit.source for edit in used)
+    words = {name: ", ".join(some) for name, some in attributes.items()}
+    return Order(name, () if gone else outlines, flat, words)

@@ -158,18 +158,14 @@ def run_build(
     from eaves.run.garbage import keep_all
 
     with keep_all():
-        from eaves.pipeline import build as build_files
-        from eaves.report.build import build as build_with_report
-        from eaves.run.options import EVERYTHING
+        from eaves.report.build import build as build_files
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()
         recipe = read_recipe(options, given, ground_only)
     start_log(quiet, verbose)
-    reported = "report" in (options.get("outputs") or EVERYTHING)
     with run_display(quiet) as progress:
-        made = build_with_report if reported else build_files
-        return made(inputs, out, recipe, progress, allow_failures=True, **options)
+        return build_files(inputs, out, recipe, progress, allow_failures=True, **options)
 
 
 def read_recipe(
@@ -208,7 +204,7 @@ def show_plan(
     start_log(quiet, verbose)
     with TemporaryDirectory() as cache:
         options.setdefault("cache", cache)
-        run = plan_run(inputs, out, read_recipe(options, given), **options)
+        run = plan_run(inputs, out, read_recipe(options, given), carries_edits=True, **options)
         typer.echo(scan_facts(run.index).as_text())
     for reason in run.failed:
         typer.echo(f"incomplete: {reason}", err=True)
@@ -301,7 +297,8 @@ def describe_sources() -> Iterator[str]:
     from eaves.recipe.sources import SOURCES
 
     for source in SOURCES.values():
-        yield f"{source.name}: {source.delivers} [{source.paper}]"
+        yield f"{source.name}: {source.delivers}"
+        yield f"  {source.title} [{source.paper}]"
         yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
         yield f"  eaves build INPUT -o OUT --source {source.name} [--as-published]"
 

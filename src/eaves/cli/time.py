@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -47,12 +46,14 @@ def compare(
 
 
 def update(
-    folder: Annotated[Path, typer.Argument(help="Folder of `eaves build --keep`.", metavar="OUT")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of `eaves build`; for new points with --keep.", metavar="OUT")
+    ],
     inputs: Annotated[
         list[str] | None, typer.Argument(help="New points: files, folders or globs.", metavar="[INPUTS...]")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="With new points: folder of the output.")
+        Path | None, typer.Option("--out", "-o", help="Folder of the output; with new points not OUT.")
     ] = None,
     edits: Annotated[
         Path | None,
@@ -69,12 +70,13 @@ def update(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Update a run with new points or with corrections.
+    """Update a run with new points, with corrections, or both.
 
-    With new points, the results equal a build of all valid points; ids and edits are kept. Without new
-    points, corrected buildings are modelled again in OUT. Corrections are edits of OUT/footprints.gpkg in
-    QGIS, or a file: a changed outline, a deleted or a new feature, several features of one id (party walls),
-    and the verdicts 'no building', 'is a building', 'flat roof', 'footprint', 'party walls'.
+    With new points, the results equal a build of all valid points; ids and edits are kept. Corrected
+    buildings are modelled again; a run without --keep is computed again for that. Corrections are edits of
+    OUT/footprints.gpkg in QGIS, or a file: a changed outline, a deleted or a new feature, several features of
+    one id (party walls), and the verdicts 'no building', 'is a building', 'flat roof', 'footprint', 'party
+    walls'.
 
     Examples:
 
@@ -82,37 +84,20 @@ def update(
       eaves update out
       eaves update out --edits verdicts.gpkg
     """
-    from eaves.change.upkeep.rebuild import Rebuilt, rebuild
-    from eaves.change.upkeep.update import Updated
     from eaves.change.upkeep.update import update as run_update
 
-    refuse_mixture(inputs, out, edits, date)
+    if inputs and out is None:
+        raise ValueError("update with new points: the folder to write is missing; add -o FOLDER")
+    if date is not None and not inputs:
+        raise ValueError("--date: goes with new points, and none are given; name their files")
     begin(quiet, verbose)
-    done: Rebuilt | Updated
     with progress_display(quiet) as progress:
-        if inputs and out is not None:
-            done = run_update(folder, inputs, out, date, jobs, progress, overwrite, allow_failures=True)
-        else:
-            done = rebuild(folder, edits, progress)
-    unmodelled = done.failed if isinstance(done, Rebuilt) else ()
+        done = run_update(folder, inputs or (), out, date, jobs, progress, overwrite, True, edits)
     if not quiet:
         typer.echo(done.as_text())
         typer.echo(f"results in {out or folder}")
-    for line in (*done.conflicts, *unmodelled) if quiet else ():
+    for line in (*done.conflicts, *done.failed) if quiet else ():
         typer.echo(line, err=True)
     for reason in done.summary.failed:
         typer.echo(f"incomplete: {reason}", err=True)
-    raise typer.Exit(COMPLETE if done.summary.complete and not unmodelled else INCOMPLETE)
-
-
-def refuse_mixture(
-    inputs: Sequence[str] | None, out: Path | None, edits: Path | None, date: str | None
-) -> None:
-    """Raise ValueError for options of an update with new points and of one by edits together."""
-    if inputs and out is None:
-        raise ValueError("update with new points: the folder to write is missing; add -o FOLDER")
-    if inputs and edits is not None:
-        raise ValueError(f"--edits {edits}: edits go without new points; give them in a run of their own")
-    if not inputs and (out is not None or date is not None):
-        name = "--out" if out is not None else "--date"
-        raise ValueError(f"{name}: goes with new points, and none are given; name their files")
+    raise typer.Exit(COMPLETE if done.summary.complete and not done.failed else INCOMPLETE)

@@ -63,9 +63,11 @@ def refuse_collisions(
             raise InputError.about(path, "would be overwritten by the footprints of this run", ELSEWHERE)
 
 
-def refuse_overwrite(folder: Path, plan: Mapping[str, Any], planned: Collection[str]) -> None:
-    """Check that a run that is planned so would write over no person's work in its output folder, and over no
-    results of inputs that it has not.
+def refuse_overwrite(
+    folder: Path, plan: Mapping[str, Any], planned: Collection[str], carries_edits: bool = False
+) -> None:
+    """Check that a run that is planned so would write over no person's work in its output folder, but for
+    edits where it carries them on, and over no results of inputs that it has not.
 
     Raises
     ------
@@ -80,6 +82,8 @@ def refuse_overwrite(folder: Path, plan: Mapping[str, Any], planned: Collection[
             name = Path(one["path"]).name
             raise InputError.about(folder, f"holds a run of {name}", "give another -o, or --overwrite")
     work = list(edits_and_work(folder, planned))
+    if carries_edits:
+        work = [(path, reason) for path, reason in work if path != folder / EDITS]
     if work:
         path, reason = work[0]
         more = names_of_paths(folder, [other for other, _ in work[1:]])

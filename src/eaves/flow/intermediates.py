@@ -1,4 +1,4 @@
-"""The maps of the steps of ground, detection, outlines and roofs, block by block."""
+"""The maps of the steps of all stages, block by block, and the models in three dimensions."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from rasterio.features import rasterize
 from rasterio.transform import Affine
 from shapely import LineString, Polygon
@@ -21,14 +22,15 @@ from eaves.flow.steps import GROUND, REGIONS
 from eaves.formats.rasters.geotiff import write_raster
 from eaves.ground import classify_ground
 from eaves.methods import REGISTRY, Emit
-from eaves.model import Block, Bounds, Failure, Points, Raster
+from eaves.model import Block, Bounds, BuildingModel, Failure, Points, Raster
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.grid import empty_raster, heights_of, highest_points, whole_cells
 from eaves.recipe.sources import find_source
+from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
 from eaves.run.store import Store
 
-COLUMNS, PANEL_INCHES, DOTS_AN_INCH = 4, 2.6, 110
+COLUMNS, PANEL_INCHES, TITLE_INCHES, DOTS_AN_INCH = 4, 2.6, 0.3, 110
 
 
 class StepMaps:
@@ -38,9 +40,12 @@ class StepMaps:
     def __init__(self, grid: Raster, stages: Collection[str]) -> None:
         self.grid, self.stages = grid, stages
         self.maps: dict[str, Raster] = {}
+        self.models: list[BuildingModel] = []
+        self.triangles = np.zeros((0, 3, 3))
 
     def of(self, stage: str, points: Points) -> Emit:
         """Takes the steps of a stage that sees some points (N, 3); several buildings share a map."""
+        self.triangles = np.zeros((0, 3, 3))
 
         def keep(name: str, value: Any) -> None:
             drawn = self.drawn(value, points) if stage in self.stages else None
@@ -58,29 +63,35 @@ class StepMaps:
         """A raster of a step; None for what is no map, such as an array of something that is no point."""
         if isinstance(value, Raster):
             return value.with_(values=value.values.astype(np.float32))
-        values = np.asarray(value) if isinstance(value, np.ndarray) else None
-        if values is not None and values.ndim == 1 and len(values) == len(points):
-            return self.at_highest(points, values)
-        if values is not None and values.shape[-1:] == (3,) and values.dtype.kind == "f":
-            if values.ndim == 2 and len(values) == len(points):  # a vector of each point: how it rises
-                return self.at_highest(points, values[:, 2])
+        values = np.asarray(value) if isinstance(value, np.ndarray) else np.zeros((0, 0, 0))
+        if values.shape[1:] == (3,) and values.dtype.kind == "i":  # numbers of their points
+            self.triangles = points[values]
+            return None
+        if values.ndim < 3 and len(values) in (len(points), len(self.triangles)):
+            rising = values if values.ndim == 1 else values[:, 2]  # of a vector: how it rises
+            of_points = len(values) == len(points)
+            return self.at_highest(points, rising) if of_points else self.over_triangles(rising)
+        if values.shape[-1:] == (3,) and values.dtype.kind == "f":
             corners = values.reshape(-1, 3)
             return self.at_highest(corners, corners[:, 2])
-        lines = lines_of(value if values is None else values)
-        return self.burned(lines) if lines else None
+        lines = lines_of(value)
+        return self.burned([(line, 1.0) for line in lines], touched=True) if lines else None
+
+    def over_triangles(self, values: Any) -> Raster:
+        """The value of the triangle over the middle of each cell, NaN outside all of them."""
+        areas = shapely.polygons(self.triangles[:, :, :2])
+        return self.burned(list(zip(areas, np.asarray(values, np.float64), strict=True)), touched=False)
 
     def at_highest(self, points: Points, values: Any) -> Raster:
         """The value of the highest point of each cell, NaN where there is none."""
         number = highest_points(points, self.grid.bounds, self.grid.cell)
         return self.grid.with_(values=heights_of(number, np.asarray(values, np.float64)))
 
-    def burned(self, lines: Sequence[LineString]) -> Raster:
-        """1 in the cells that lines cross, NaN elsewhere."""
+    def burned(self, shapes: Sequence[tuple[Any, float]], *, touched: bool) -> Raster:
+        """The values of shapes in the cells that they touch, or whose middle they cover; NaN elsewhere."""
         cell = self.grid.cell
         place = Affine(cell, 0.0, self.grid.west, 0.0, -cell, self.grid.north)
-        cells = rasterize(
-            lines, self.grid.shape, np.nan, transform=place, all_touched=True, default_value=1.0
-        )
+        cells = rasterize(shapes, self.grid.shape, np.nan, transform=place, all_touched=touched)
         return self.grid.with_(values=cells.astype(np.float32))
 
 
@@ -92,13 +103,15 @@ def lines_of(value: Any) -> list[LineString]:
         return [LineString(ends) for ends in value.reshape(-1, 2, 2)]
     if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] in (2, 3) and len(value) > 1:
         return [LineString(np.vstack([value, value[:1]])[:, :2])]
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple) or getattr(value, "dtype", None) == np.object_:
         return [line for one in value for line in lines_of(one)]
+    if getattr(value, "closed", True) is False:
+        return [LineString(value.xy)]
     return lines_of(getattr(value, "polygon", getattr(value, "xy", None))) if value is not None else []
 
 
-def block_steps(store: Store, run: Run, block: Block) -> dict[str, Raster]:
-    """The map of each step of one block, by stage and name, about the origin of the block."""
+def block_steps(store: Store, run: Run, block: Block) -> StepMaps:
+    """The map of each step of one block, by stage and name, and its models, about the origin of the block."""
     recipe = run.recipe
     view, wide = Work.of(REGIONS, run).see(block, store), Work.of(GROUND, run).see(block, store).large
     scene, seen, _ = see_block(view.cloud, block, recipe, view.beneath, view.decks)
@@ -110,7 +123,7 @@ def block_steps(store: Store, run: Run, block: Block) -> dict[str, Raster]:
         raw = scene.cloud.with_(classification=None, part=None).in_canonical_order()
         classify_ground(raw, recipe.ground, wide=wide, debug=maps.of("ground", raw.xyz))
     if recipe.detect is None:
-        return maps.maps
+        return maps
     regions = detect_buildings(seen, recipe.detect, debug=maps.of("detect", xyz))
     maps.of("detect", xyz)("regions", regions.label)
     order = np.argsort(regions.label, kind="stable")
@@ -119,11 +132,18 @@ def block_steps(store: Store, run: Run, block: Block) -> dict[str, Raster]:
             continue
         house = xyz[points]
         boundary = trace_outline(house, scene.spacing, recipe.outline, debug=maps.of("outline", house))
-        if not isinstance(boundary, Failure):
-            drawn = regularise_outlines([boundary], recipe.outline, debug=maps.of("outline", house))
-            maps.of("outline", house)("outlines", [one for one in drawn if not isinstance(one, Failure)])
-        segment_roof(house, scene.spacing, recipe.roof, debug=maps.of("roof", house))
-    return maps.maps
+        if isinstance(boundary, Failure):
+            continue
+        (drawn,) = regularise_outlines([boundary], recipe.outline, debug=maps.of("outline", house))
+        if isinstance(drawn, Failure):
+            continue
+        maps.of("outline", house)("outlines", [drawn])
+        if "roof" in stages:
+            planes = segment_roof(house, scene.spacing, recipe.roof, debug=maps.of("roof", house))
+            base, keep = float(np.nanmin(scene.dtm.at(house))), maps.of("reconstruct", house)
+            model = reconstruct_building(house, drawn, planes, base, recipe.reconstruct, debug=keep)
+            maps.models += [model] if isinstance(model, BuildingModel) else []
+    return maps
 
 
 def write_steps(store: Store, run: Run, blocks: Sequence[Block]) -> list[Path]:
@@ -133,28 +153,78 @@ def write_steps(store: Store, run: Run, blocks: Sequence[Block]) -> list[Path]:
     for block in blocks:
         folder = run.folder / "steps" / block.name
         folder.mkdir(parents=True, exist_ok=True)
-        maps = block_steps(store, run, block)
-        for number, (title, raster) in enumerate(maps.items(), 1):
+        steps = block_steps(store, run, block)
+        for number, (title, raster) in enumerate(steps.maps.items(), 1):
             files.append(folder / f"{number:02d}_{title.replace(' ', '_')}.tif")
             write_raster(files[-1], raster, store.system, block.origin, heights=False)
         files.append(folder.with_suffix(".png"))
-        draw_steps(files[-1], maps)
+        draw_steps(files[-1], steps)
     return files
 
 
-def draw_steps(path: Path, maps: dict[str, Raster]) -> None:
-    """All maps in one picture, as a paper's figure shows them; few whole numbers get colours far apart."""
+def draw_steps(path: Path, steps: StepMaps) -> None:
+    """All maps in one picture, as a paper's figure shows them, cut to the data, each with its legend; few
+    whole numbers get colours far apart, and models are drawn from the south."""
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
-    rows = -(-len(maps) // COLUMNS)
-    figure = Figure((PANEL_INCHES * COLUMNS, PANEL_INCHES * 1.1 * rows), layout="constrained")
-    for number, (title, raster) in enumerate(maps.items(), 1):
+    count = len(steps.maps) + bool(steps.models)
+    rows = -(-count // COLUMNS)
+    known = {title: np.isfinite(raster.values) for title, raster in steps.maps.items()}
+    boxes = [box_of(raster, known[title]) for title, raster in steps.maps.items() if known[title].any()]
+    ends = np.array(boxes or [(0.0, 1.0, 0.0, 1.0)])
+    west, south = map(float, ends[:, [0, 2]].min(axis=0))
+    east, north = map(float, ends[:, [1, 3]].max(axis=0))
+    height = PANEL_INCHES * float(np.clip((north - south) / (east - west), 0.5, 2.0)) + TITLE_INCHES
+    figure = Figure((PANEL_INCHES * COLUMNS, height * rows), layout="constrained")
+    for number, (title, raster) in enumerate(steps.maps.items(), 1):
         panel, values = figure.add_subplot(rows, COLUMNS, number), raster.values
-        known = values[np.isfinite(values)]
-        labels = len(known) > 0 and bool((known == np.round(known)).all()) and known.min() >= 0
+        some = values[known[title]]
+        labels = len(some) > 0 and bool((some == np.round(some)).all()) and some.min() >= 0
         shown = np.where(values > 0, values * 7 % 20, np.nan) if labels else values
-        low, high = np.percentile(known, [2, 98]) if len(known) and not labels else (0, 20)
-        panel.imshow(shown, "tab20" if labels else "viridis", vmin=low, vmax=high, interpolation="nearest")
-        panel.set_title(f"{number}. {title}" + ("" if labels else f" ({low:.2g} to {high:.2g})"), fontsize=7)
-        panel.set(xticks=[], yticks=[])
+        low, high = np.percentile(some, [2, 98]) if len(some) and not labels else (0, 20)
+        image = panel.imshow(
+            shown,
+            "tab20" if labels else "viridis",
+            vmin=low,
+            vmax=high,
+            interpolation="nearest",
+            extent=(raster.west, raster.bounds.east, raster.bounds.south, raster.north),
+        )
+        numbers = len(np.unique(some[some > 0]))
+        if labels:
+            words = f"{numbers} numbers, a colour each" if numbers > 1 else "marked" if numbers else "none"
+            panel.legend(handles=[Patch(color=image.cmap(7), label=words)], fontsize=5, loc="lower right")
+        else:
+            figure.colorbar(image, ax=panel, shrink=0.7).ax.tick_params(labelsize=5)
+        panel.set_title(f"{number}. {title}", fontsize=7)
+        panel.set(xticks=[], yticks=[], xlim=(west, east), ylim=(south, north))
+    if steps.models:
+        draw_models(figure.add_subplot(rows, COLUMNS, count, projection="3d"), steps.models, count)
     figure.savefig(path, dpi=DOTS_AN_INCH, metadata={"Software": None})
+
+
+def box_of(raster: Raster, known: Any) -> tuple[float, float, float, float]:
+    """West, east, south and north end of the cells (H, W) that are known."""
+    row, column = np.nonzero(known)
+    west, north = raster.west + raster.cell * column.min(), raster.north - raster.cell * row.min()
+    east, south = raster.west + raster.cell * (column.max() + 1), raster.north - raster.cell * (row.max() + 1)
+    return west, east, south, north
+
+
+def draw_models(panel: Any, models: Sequence[BuildingModel], number: int) -> None:
+    """The roofs and walls of models, seen from the south and above."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    solids = [solid for model in models for solid in model.solids[model.lod]]
+    faces = [(solid, face) for solid in solids for face in solid.faces if face.surface != "GroundSurface"]
+    rings = [solid.vertices[list(face.rings[0])] for solid, face in faces]
+    colours = ["indianred" if face.surface == "RoofSurface" else "lightgrey" for _, face in faces]
+    panel.add_collection3d(Poly3DCollection(rings, facecolors=colours, edgecolor="0.3", linewidths=0.2))
+    ends = np.concatenate([solid.vertices for solid in solids])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    panel.set_box_aspect(np.maximum(high - low, 1.0))
+    panel.view_init(elev=40.0, azim=-80.0)
+    panel.set_axis_off()
+    panel.set_title(f"{number}. models", fontsize=7)

@@ -23,7 +23,7 @@ from eaves.flow.neighbours import party_walls
 from eaves.flow.numbers import read_numbers
 from eaves.flow.region import Region
 from eaves.flow.review import REVIEW, review_rows, write_review
-from eaves.flow.run import Run
+from eaves.flow.run import Run, stated_request
 from eaves.formats import write_cityjson_seq
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
@@ -337,7 +337,7 @@ def summary_of(
             **{name: dict(sorted(counts[name].items(), reverse=name == "by_lod")) for name in COUNTED},
             "seconds": dict(counts["seconds"]),
             "elapsed": time.time() - run.started,
-            "run": {**run.plan, **remote, "crs": run.index.system.code, **words},
+            "run": {**run.plan, **remote, **stated_request(run), "crs": run.index.system.code, **words},
             **facts,
         }
     )

@@ -25,7 +25,7 @@ from eaves.flow.numbers import NUMBERS
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, no_progress, request_of
 from eaves.flow.step import Step, bring, compute
-from eaves.flow.steps import BUILDINGS, FLOORS, REGIONS, SUPERSEDED
+from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds
@@ -33,7 +33,7 @@ from eaves.raster.surfaces import CELL
 from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Budget
 from eaves.run.index import Index
-from eaves.run.keys import EDITED, NAMED, key_of
+from eaves.run.keys import NAMED, key_of
 from eaves.run.partition import (
     FileSlice,
     file_slices,
@@ -145,21 +145,17 @@ def open_region(run: Run, workers: Workers, progress: Progress, core: Core | Non
         store.prepare()
         store.drop_damaged()
         store.drop_records()  # nothing says that they are whole
-        for layer in (NAMED, EDITED):
-            store.keep_only(layer, ())
-        (store.folder / NUMBERS).unlink(missing_ok=True)
     else:
         store.discard()
         store.prepare()
     return Region(run, store, workers, progress, core or Core(), list(run.failed), points=run.index.points)
 
 
-def kept_region(run: Run, workers: Workers, progress: Progress) -> Region:
-    """The region of a run that kept all its results."""
-    store, points = store_of(run), run.index.points
-    store.prepare("build it again with --keep")
-    blocks = store.units(REGIONS.name, run.side)
-    return Region(run, store, workers, progress, failed=list(run.failed), points=points, blocks=blocks)
+def drop_upkeep(region: Region) -> None:
+    """Remove the names, edits and numbers of an earlier update: a build has none of them."""
+    for layer in (NAMED, EDITED.name):
+        region.store.keep_only(layer, ())
+    (region.store.folder / NUMBERS).unlink(missing_ok=True)
 
 
 def store_of(run: Run) -> Store:
@@ -366,7 +362,7 @@ def end_region(region: Region, complete: bool) -> None:
     store = region.store
     store.drop_records()
     if region.run.options["keep"]:
-        store.write_request(request_of(region.run))
+        store.write_request({**request_of(region.run), "plan": region.run.plan})
     elif complete:
         store.discard()
 

@@ -28,7 +28,8 @@ from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
 from eaves.recipe.recipe import Recipe, make_recipe
-from eaves.run.index import Index, index_inputs
+from eaves.recipe.sources import find_source
+from eaves.run.index import LISTED_INPUTS, Index, index_inputs
 from eaves.run.lock import LOCK
 from eaves.run.memory import parse_memory
 from eaves.run.options import (
@@ -90,6 +91,8 @@ class Run:
     """Inputs that could not be opened, with the reason."""
     translate: tuple[float, ...] | None = None
     """The origin of the models' coordinates, where an earlier run's lines are to stay."""
+    carries_edits: bool = False
+    """True if the edits that the folder holds are carried out again."""
     started: float = 0.0
     remote: Mapping[str, Any] = field(default_factory=dict)
     """Traffic over the network (`formats.points.remote.Traffic`)."""
@@ -111,7 +114,7 @@ class Run:
     @property
     def by_tiles(self) -> bool:
         """True if the run is computed by tiles."""
-        return self.classified is None and (self.options["per_tile"] or self.index.points > TILES_ABOVE)
+        return self.classified is None and goes_by_tiles(self.index, self.options)
 
     @property
     def jobs(self) -> int:
@@ -152,10 +155,11 @@ def open_run(
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
+    carries_edits: bool = False,
     **options: Unpack[RunOptions],
 ) -> Run:
     """The run that is asked for (`plan_run`), with its folder, which can be written."""
-    run = plan_run(inputs, out, recipe, progress, **options)
+    run = plan_run(inputs, out, recipe, progress, carries_edits, **options)
     claim(run.folder)
     return run
 
@@ -165,6 +169,7 @@ def plan_run(
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
+    carries_edits: bool = False,
     **options: Unpack[RunOptions],
 ) -> Run:
     """The run that is asked for: every option checked, headers and polygons read, nothing written.
@@ -179,6 +184,8 @@ def plan_run(
         The methods, instead of the options that name them.
     progress
         Called while headers are read.
+    carries_edits
+        The edits that the folder holds are carried out again, not written over.
     options
         The keywords of `RunOptions`, documented at `eaves.build`.
 
@@ -228,9 +235,11 @@ def plan_run(
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
+    single = options["classified"] is not None or goes_by_tiles(index, options)
+    carries_edits = carries_edits and not single
     plan = describe_plan(index, recipe, options, map_, hashes)
     if options["classified"] is None and not options["overwrite"]:
-        refuse_overwrite(folder, plan, planned_files(index, options))
+        refuse_overwrite(folder, plan, planned_files(index, options), carries_edits)
     warn_of_heights(index.system, options["formats"])
     given = "footprints" in polygons
     run = Run(
@@ -247,6 +256,7 @@ def plan_run(
         lost=tuple(lost) if given else (),
         addresses=() if given else known,
         failed=tuple(failed),
+        carries_edits=carries_edits and not options["overwrite"],
         started=started,
     )
     if not (options["resume"] or run.by_tiles):
@@ -295,14 +305,22 @@ def check_whole(index: Index, options: RunOptions) -> None:
     single = options["classified"]
     if single is not None and len(index) > 1:
         raise InputError(f"{single}: one file cannot hold {len(index)} inputs; give a folder with -o")
-    if options["keep"] and (options["per_tile"] or index.points > TILES_ABOVE or single is not None):
+    if options["keep"] and (goes_by_tiles(index, options) or single is not None):
         raise InputError("--keep: a run by tiles keeps no parts; build a part of it with --bounds")
 
 
 def request_of(run: Run) -> dict[str, Any]:
-    """The request by which a run is opened again, as JSON, with paths that hold from any folder."""
-    words = {"inputs": list(run.inputs), "options": kept_options(run.options), "plan": run.plan}
+    """The request by which a run is opened again with its plan, as JSON, with paths that hold from any
+    folder."""
+    words = {"inputs": list(run.inputs), "options": kept_options(run.options)}
     return {**words, "generations": list(run.generations), "updates": list(run.updates)}
+
+
+def stated_request(run: Run) -> dict[str, Any]:
+    """The request as run.json states it; nothing of a run by tiles, which is not opened again, and of one of
+    very many inputs."""
+    stated = not run.by_tiles and "tile" not in run.plan and len(run.index) <= LISTED_INPUTS
+    return {"request": request_of(run)} if stated else {}
 
 
 def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
@@ -335,10 +353,15 @@ def claim(folder: Path) -> None:
         ) from None
 
 
+def goes_by_tiles(index: Index, options: RunOptions) -> bool:
+    """True if a run that writes a folder is computed by tiles."""
+    return options["per_tile"] or index.points > TILES_ABOVE
+
+
 def planned_files(index: Index, options: RunOptions) -> set[str]:
     """Names in the output folder of the files, and folders of files, that a run will write."""
     planned, taken = planned_names(options["outputs"], options["formats"]), set[str]()
-    if options["per_tile"] or index.points > TILES_ABOVE:
+    if goes_by_tiles(index, options):
         planned.add("tiles")
     if options["steps"]:
         planned.add("steps")
@@ -368,6 +391,8 @@ def describe_plan(
         **index.describe(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
+        "source": options["source"] and find_source(options["source"]).cited,
+        "as_published": options["as_published"],
         "methods": methods,
         "use_classes": recipe.use_classes,
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,

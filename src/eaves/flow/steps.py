@@ -20,6 +20,7 @@ from eaves.blocks.large import (
 )
 from eaves.blocks.superseded import find_superseded, load_scans, see_scans
 from eaves.buildings.building_file import load_buildings
+from eaves.buildings.edited import load_found, model_orders, see_orders
 from eaves.buildings.owned import model_buildings, see_buildings
 from eaves.flow.step import Input, Step
 from eaves.run import keys
@@ -113,5 +114,14 @@ BUILDINGS = Step(
     booked="buildings",
     shown=True,
 )
-STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS)
+EDITED = Step(
+    name=keys.EDITED,
+    takes=(REGIONS.around(1), Input(load=load_found)),
+    see=see_orders,
+    run=model_orders,
+    reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low"),
+    booked="buildings",
+    shown=True,
+)
+STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED)
 """In the order in which they run."""

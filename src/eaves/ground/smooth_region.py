@@ -132,8 +132,8 @@ class SmoothRegion(GroundMethod):
         if len(cloud) <= self.neighbours:
             return ground, None
         part = find_walls_and_trees(cloud, self.neighbours, self.wall_angle, self.tree_share)
-        emit("walls", part == WALL)
-        emit("trees", part == TREE)
+        emit("walls", cloud.xyz[part == WALL])
+        emit("trees", cloud.xyz[part == TREE])
         left = np.flatnonzero(part == 0)
         if len(left) <= self.neighbours:
             return ground, part
@@ -150,7 +150,7 @@ class SmoothRegion(GroundMethod):
             self.add_level_regions(xyz, region, area, chosen)
         ground[left] = chosen[region]
         part[left[(area < self.noise_area)[region] & ~ground[left]]] = NOISE
-        emit("small regions", part == NOISE)
+        emit("small regions", cloud.xyz[part == NOISE])
         return ground & ~over, part
 
     def add_level_regions(self, xyz: Points, region: NDArray[np.int64], area: Values, chosen: Mask) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
@@ -39,6 +40,8 @@ class RansacLines(OutlineMethod):
     printed in the former. Random sampling is replaced by all pairs of boundary points that are 1, 2, 4, 8, …
     points apart: the same lines are found, and found again in the next run. A stretch between two segments
     that is itself longer than `shortest` becomes a segment through its points; what is shorter is a corner.
+    Lines that meet farther than `corner_reach` from the boundary make no corner. Where the adjusted segments
+    make no ring, or one that leaves more of the boundary outside than a corner, the boundary stays as traced.
 
     Fails where
     -----------
@@ -71,7 +74,7 @@ class RansacLines(OutlineMethod):
         50.0, "inner boundaries smaller than this are dropped", unit="m²", off=0.0, ge=0
     )
     corner_reach: float = parameter(
-        5.0, "a corner farther than this from the boundary is cut off, in spacings", off=1e6, gt=0
+        5.0, "a corner farther than this from the boundary is cut off, in spacings", gt=0
     )
 
     def parts(self, points: Points, spacing: float) -> Labels:
@@ -92,16 +95,20 @@ class RansacLines(OutlineMethod):
 
     def adjusted(self, boundary: Boundary, emit: Emit) -> Polygon | Failure:
         """One boundary's polygon."""
-        rings = [self.adjusted_ring(ring, boundary.spacing, emit) for ring in boundary.rings]
-        holes = [ring for ring in rings[1:] if ring is not None]
-        whole = None if rings[0] is None else as_polygon(Polygon(rings[0], holes))
+        outer, *inner = (self.adjusted_ring(ring, boundary.spacing, emit) for ring in boundary.rings)
+        drawn = None if outer is None else Polygon(outer, [ring for ring in inner if ring is not None])
+        if drawn is None or not drawn.is_valid or self.loses(drawn, boundary):
+            drawn = Polygon(boundary.rings[0], boundary.rings[1:]).simplify(boundary.spacing)
+        whole = as_polygon(drawn)
         if whole is None:
-            whole = as_polygon(Polygon(boundary.rings[0]).simplify(boundary.spacing))
-        if whole is None:
-            return Failure(
-                "no_area", f"a ring of {len(boundary.rings[0])} points encloses no area", "outline"
-            )
+            reason = f"a ring of {len(boundary.rings[0])} points encloses no area"
+            return Failure("no_area", reason, "outline")
         return whole
+
+    def loses(self, drawn: Polygon, boundary: Boundary) -> bool:
+        """True if more of the boundary lies outside what is drawn than the corners that are no segment."""
+        away = shapely.distance(shapely.points(boundary.rings[0]), drawn)
+        return bool(away.max() > self.shortest * boundary.spacing)
 
     def adjusted_ring(
         self, ring: NDArray[np.float64], spacing: float, emit: Emit

@@ -16,9 +16,15 @@ class PublishedSource:
     name: str
     paper: str
     """Key in references.bib."""
+    title: str
     delivers: str
     methods: Mapping[str, str]
     lod: str
+
+    @property
+    def cited(self) -> dict[str, str]:
+        """Name, key in references.bib and title: what a run notes of its source."""
+        return {"name": self.name, "paper": self.paper, "title": self.title}
 
     @property
     def steps(self) -> list[tuple[str, str, dict[str, Any]]]:
@@ -35,6 +41,8 @@ SOURCES: dict[str, PublishedSource] = {
         PublishedSource(
             "chen_sun",
             "chen_sun_vaihingen",
+            "Chen and Sun: Brief description of building detection from airborne LiDAR "
+            "data based on extraction of planar structure",
             "a mask and the contours of buildings",
             {"ground": "adaptive_tin", "detect": "planar_patches", "outline": "alpha_shape"},
             "0",
@@ -42,6 +50,8 @@ SOURCES: dict[str, PublishedSource] = {
         PublishedSource(
             "xiao2014",
             "xiao2014",
+            "Xiao, Wang, Xi and Zhang 2014: A comprehensive framework of building model "
+            "reconstruction from airborne LiDAR data",
             "3D models of intersected roof planes inside regular outlines",
             {
                 "ground": "smooth_region",
@@ -55,6 +65,8 @@ SOURCES: dict[str, PublishedSource] = {
         PublishedSource(
             "ren_fcs",
             "ren_fcs",
+            "Ren, Zhou, Cen, Zhang and Zhang: A novel method for extracting building "
+            "from LIDAR data: Fc-S method",
             "the areas of buildings, on undulating terrain and beside vegetation",
             {"ground": "contours", "detect": "contours", "outline": "alpha_shape"},
             "0",
@@ -62,6 +74,7 @@ SOURCES: dict[str, PublishedSource] = {
         PublishedSource(
             "roof_attributes",
             "roof_attributes",
+            "Detection building point clouds from airborne LiDAR data using roof points' attributes",
             "the points of buildings",
             {"ground": "adaptive_tin", "detect": "roof_attributes", "outline": "alpha_shape"},
             "0",
@@ -69,6 +82,8 @@ SOURCES: dict[str, PublishedSource] = {
         PublishedSource(
             "maas_vosselman",
             "maas_vosselman1999",
+            "Maas and Vosselman 1999: Two algorithms for extracting building models "
+            "from raw laser altimetry data",
             "3D models: standard houses from moments, others from intersected faces",
             {
                 "ground": "adaptive_tin",

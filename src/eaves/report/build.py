@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
+from eaves.change.upkeep.carried import CarriedEdits
 from eaves.flow.run import Progress, no_progress, open_run
-from eaves.pipeline import build as build_files
 from eaves.pipeline import build_run, end_run, hold_folder
 from eaves.recipe.recipe import Recipe
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, read_contents
@@ -74,18 +74,18 @@ def build(
     >>> (results.folder / "report.html").exists()
     True
     """
-    if "report" not in (options.get("outputs") or EVERYTHING):
-        summary = build_files(inputs, out, recipe, progress, allow_failures=True, **options)
-        return Results.of(summary).checked(allow_failures)
-    run = open_run(inputs, out, recipe, progress, **options)
-    sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN)
+    shown = "report" in (options.get("outputs") or EVERYTHING)
+    run = open_run(inputs, out, recipe, progress, carries_edits=True, **options)
+    sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN) if shown else None
     with hold_folder(run) as workers:
-        summary = build_run(run, workers, progress, sample)
-        if not run.by_tiles:
+        carried = CarriedEdits.of(run)
+        summary = build_run(run, workers, progress, sample, carried.correct)
+        if shown and not run.by_tiles:
             clock, before = Clock(), time.perf_counter()
             page = write_page(read_contents(summary.folder, received=sample), summary.as_text())
             summary = replace(summary, files=(*summary.files, page))
             clock.lap("report")
             summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
+        summary = carried.finish(summary)
         end_run(run, summary)
     return Results.of(summary).checked(allow_failures)

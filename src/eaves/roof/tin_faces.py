@@ -88,9 +88,10 @@ class TinFaces(RoofMethod):
         corners, around = renumber(tin, real)
         normals = local.normals[corners].mean(axis=1)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
+        emit("triangles", corners)
         emit("normals of triangles", normals)
         face = self.cluster(points[corners], around, normals, local)
-        emit("faces of triangles", face)
+        emit("faces of triangles", face + 1)
         labels = vote_for_face(corners, face, len(points))
         labels = self.finish.join(points, labels, local)
         labels = self.finish.give_back(points, labels, local)

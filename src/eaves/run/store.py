@@ -236,7 +236,8 @@ def join_records(some: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 def link_file(source: Path, target: Path) -> None:
-    """One file under another name."""
+    """One file under another name, in a folder that is made when missing."""
+    target.parent.mkdir(parents=True, exist_ok=True)
     target.unlink(missing_ok=True)
     try:
         os.link(source, target)

@@ -2,39 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import shapely
 from shapely import Polygon
 
-from eaves.buildings.building import building_pass
-from eaves.buildings.building_file import Kept, SavedBuilding, as_found, building_arrays
-from eaves.buildings.gather import Gatherer, blocks_in
-from eaves.buildings.join import BuildingPlan, about, block_of
-from eaves.change.edits import Order
-from eaves.change.upkeep.versions import version_of
+from eaves.buildings.building_file import Kept, as_found
+from eaves.buildings.edited import Order, OwnedOrders
+from eaves.buildings.join import block_of
+from eaves.change.edits import Edit, edits_of_layer, read_edits, settle
+from eaves.flow.collisions import EDITS
 from eaves.flow.region import Region
-from eaves.flow.step import results_of
-from eaves.flow.steps import REGIONS
-from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint
-from eaves.model.results import BuildingResult
-from eaves.run.keys import EDITED
+from eaves.flow.step import compute
+from eaves.flow.steps import BUILDINGS, EDITED
+from eaves.model import Block, CoordinateSystem, Failure, Footprint
+from eaves.run.keys import NAMED
+from eaves.run.manifest import is_changed, known_files
+from eaves.run.store import Store
 
+LAYER = "footprints.gpkg"
+"""The file of a run whose layer of footprints takes edits."""
 OVERLAP_M2 = 1.0
 """An edited outline that covers more of a neighbour than this (m²) is reported."""
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Corrected:
     """The result of edits: ids of buildings modelled and removed, edits that gave no model with the reason,
-    and the owner blocks whose buildings are others now."""
+    conflicts in words, and the owner blocks whose buildings are others, or were by earlier edits."""
 
-    modelled: list[str] = field(default_factory=list)
-    removed: list[str] = field(default_factory=list)
-    failed: list[str] = field(default_factory=list)
-    touched: set[Block] = field(default_factory=set)
+    modelled: tuple[str, ...]
+    removed: tuple[str, ...]
+    failed: tuple[str, ...]
+    conflicts: tuple[str, ...]
+    touched: frozenset[Block]
 
 
 def outlines_in(kept: Kept, side: float) -> dict[str, Polygon]:
@@ -42,78 +45,61 @@ def outlines_in(kept: Kept, side: float) -> dict[str, Polygon]:
     return {str(row.values["id"]): row.polygon for row in kept.rows(kept.owners(side))}
 
 
-def correct(region: Region, orders: Sequence[Order]) -> Corrected:
-    """Carry out all orders on a region's buildings, and take back what is ordered no more."""
+def kept_edits(folder: Path, system: CoordinateSystem) -> list[Edit]:
+    """The edits that a run's folder keeps."""
+    path = folder / EDITS
+    return list(read_edits(path, system)) if path.exists() else []
+
+
+def changed_in_layer(folder: Path, system: CoordinateSystem, shown: dict[str, Polygon]) -> list[Edit]:
+    """The changes of a user in the run's footprints.gpkg, where it is not as the run wrote it, of the
+    buildings `shown`, by id."""
+    path, entry = folder / LAYER, known_files(folder).get(LAYER)
+    if not path.exists() or not entry or not is_changed(path, entry):
+        return []
+    return edits_of_layer(path, system, shown)
+
+
+def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
+    """Carry out all edits on a region's buildings, and take back what is edited no more."""
     store, side = region.store, region.run.side
-    found, edited = as_found(store), Kept(store, (EDITED,))
+    found = as_found(store)
+    orders, conflicts = settle(edits, outlines_in(found, side))
     home = {str(row.values["id"]): owner for owner in found.owners(side) for row in found.rows([owner])}
+    orders = [order for order in orders if order.outlines or order.id in home]
     by_owner: dict[Block, list[Order]] = {}
     for order in orders:
         owner = home.get(order.id) or block_of(Footprint(order.outlines[0]), side)
         by_owner.setdefault(owner, []).append(order)
-    done = Corrected(touched={*by_owner, *edited.owners(side)})
-    for count, owner in enumerate(sorted(done.touched), 1):
-        if owner in by_owner:
-            corrected = with_corrections(region, owner, by_owner[owner], done)
-            store.save(EDITED, owner, building_arrays(corrected))
-        else:
-            store.remove(EDITED, owner)
-        region.progress("buildings", count, len(done.touched))
-    return done
+    touched = frozenset([*by_owner, *store.units(EDITED.name, side)])
+    store.keep_only(EDITED.name, by_owner)
+    keys = {**dict(store.found(BUILDINGS.name, by_owner)), **dict(store.found(NAMED, by_owner))}
+    units = [
+        OwnedOrders(owner, tuple(by_owner[owner]), keys.get(owner.name, "")) for owner in sorted(by_owner)
+    ]
+    compute(region, EDITED, units)
+    conflicts += overlaps(orders, outlines_in(Kept(store), side))
+    return Corrected(
+        tuple(name for order in orders for name, _ in order.parts),
+        tuple(order.id for order in orders if not order.outlines),
+        tuple(words for unit in units for words in failures_in(unit, store)),
+        tuple(conflicts),
+        touched,
+    )
 
 
-def with_corrections(
-    region: Region, owner: Block, orders: Sequence[Order], done: Corrected
-) -> list[BuildingResult | SavedBuilding]:
-    """The buildings of an owner block after its orders."""
-    results: list[BuildingResult | SavedBuilding] = []
-    wanted = {order.id: order for order in orders}
-    for saved in as_found(region.store).saved(owner):
-        order = wanted.pop(str(saved.row.values["id"]), None)
-        if order is None:
-            results.append(saved)
-        elif not order.outlines:
-            done.removed.append(order.id)
-        else:
-            results += model_order(region, owner, order, done, version_of(saved.result))
-    for order in wanted.values():
-        results += model_order(region, owner, order, done, {})
-    return results
-
-
-def model_order(
-    region: Region, owner: Block, order: Order, done: Corrected, version: Mapping[str, Any]
-) -> list[BuildingResult]:
-    """One building for each outline of an order, with the `version` of the building as it was found."""
-    results = []
-    for number, outline in enumerate(order.outlines, 1):
-        name = order.id if number == 1 else f"{order.id}-{number}"
-        given = about(Footprint(outline, id=name, attributes=dict(order.provenance)), owner.origin)
-        if given is None:
-            done.failed.append(f"{name}: its outline has no area")
-            continue
-        result = model_outline(region, owner, given, order.flat)
-        outcome = result.outcome
-        if isinstance(outcome, BuildingModel):
-            block = {"block_id": order.id} if len(order.outlines) > 1 else {}
-            attributes = {**outcome.attributes, **order.provenance, **block, **version}
-            result = replace(result, outcome=outcome.with_(attributes=attributes))
-        else:
-            done.failed.append(f"{name}: {outcome.reason}")
-        done.modelled.append(name)
-        results.append(result)
-    return results
-
-
-def model_outline(region: Region, owner: Block, given: Footprint, flat: bool) -> BuildingResult:
-    """The result of an outline about the owner block's corner."""
-    store, recipe = region.store, region.run.recipe
-    touched = set(blocks_in(owner, Bounds(*given.polygon.bounds)))
-    under = tuple((block, 0) for block in region.blocks if block in touched)
-    building = Gatherer(results_of(REGIONS, store, region.blocks)).gather(owner, BuildingPlan(under, given))
-    if isinstance(building, Failure):
-        return BuildingResult.without_points(building)
-    return building_pass(building, given, recipe, store.system.horizontal_unit_m, flat=flat)
+def failures_in(unit: OwnedOrders, store: Store) -> Iterator[str]:
+    """The buildings that the orders of a block ask for and of which there is no model, with the reason."""
+    if not store.has(EDITED.name, unit.owner_block):
+        return  # the whole block failed, which the run says
+    outcomes = Kept(store, (EDITED.name,)).answers([unit.owner_block])
+    by_id = {one.footprint.id: one for one in outcomes if one.footprint is not None}
+    for name, _ in (part for order in unit.orders for part in order.parts):
+        outcome = by_id.get(name)
+        if outcome is None:
+            yield f"{name}: its outline has no area"
+        elif isinstance(outcome, Failure):
+            yield f"{name}: {outcome.reason}"
 
 
 def overlaps(orders: Sequence[Order], shown: Mapping[str, Polygon]) -> list[str]:

@@ -1,8 +1,5 @@
-"""A run that keeps what it computed (`eaves build --keep`), opened again: to be corrected, or updated.
-
-Without its results every correction would read, classify and detect everything again. They take about 100
-bytes a point.
-"""
+"""A run opened again, to be corrected or updated: with the results that it kept (`eaves build --keep`), about
+100 bytes a point, or without any, so that all of them are computed again."""
 
 from __future__ import annotations
 
@@ -20,6 +17,7 @@ from eaves.formats import InputError
 from eaves.methods import resolve_method
 from eaves.recipe.recipe import Recipe
 from eaves.run.index import Index
+from eaves.run.manifest import read_facts
 from eaves.run.options import DECLARED, METHOD_OPTIONS
 from eaves.run.store import REQUEST
 from eaves.surroundings.vegetation import VegetationRules
@@ -28,37 +26,42 @@ MODELS = "buildings.city.jsonl"
 """The file of a run's models."""
 
 REMEDY = "build it again with --keep"
-DECISIVE = ("version", "methods", "use_classes", "lod", "clip", "footprints", "party_walls")
+DECISIVE = ("methods", "use_classes", "lod", "clip", "footprints", "party_walls")
 """Of a run's plan: where one of these is another, the results are."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """The request of a kept run, and the updates that it went through."""
+    """The request of a run, and the updates that it went through."""
 
     inputs: Sequence[str]
     options: dict[str, Any]
     plan: dict[str, Any]
     generations: Sequence[int]
     updates: Sequence[dict[str, Any]]
+    kept: bool = False
+    """True if the results of the run are kept."""
 
 
 def read_request(folder: Path) -> Request:
-    """The request that a run's folder keeps.
+    """The request of the run in a folder: that beside the results that it kept, or else that in its run.json.
 
     Raises
     ------
     InputError
-        When it keeps none, or it is damaged, or of another version.
+        When there is none, or it is damaged, or of another version.
     """
     path = folder / WORK / REQUEST
     if not folder.is_dir():
         raise InputError.about(folder, "does not exist", "give what `eaves build --keep` wrote")
     other = InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY)
     try:
-        request = Request(**json.loads(path.read_text(encoding="utf-8")))
+        request = Request(**json.loads(path.read_text(encoding="utf-8")), kept=True)
     except FileNotFoundError:
-        raise InputError.about(folder, "keeps no parts of its run", REMEDY) from None
+        facts = read_facts(folder)
+        if not facts.get("request"):
+            raise InputError.about(folder, "keeps no parts of its run", REMEDY) from None
+        request = Request(plan=facts, **facts["request"])
     except TypeError:
         raise other from None
     except (ValueError, RecursionError):
@@ -68,25 +71,27 @@ def read_request(folder: Path) -> Request:
     return request
 
 
-def open_kept(
+def open_again(
     folder: Path, new: Sequence[str] = (), out: Path | None = None, jobs: int = 1, overwrite: bool = False
 ) -> Run:
-    """The run of a folder that keeps its results, opened again; with `new` inputs, a later scan, into `out`.
+    """The run of a folder, opened again; with `new` inputs, a later scan, into `out`.
 
     Points keep their ids, for the inputs keep their order.
 
     Raises
     ------
     InputError
-        When the folder keeps none, an input is missing, has changed or cannot be used, another version made
-        the results, or `out` holds what would be written over.
+        When the folder holds none, an input is missing, has changed or cannot be used, another version made
+        the results, results are needed that it did not keep, or `out` holds what would be written over.
     """
     request = read_request(folder)
+    if not request.kept and (new or request.generations):
+        raise InputError.about(folder, "keeps no parts of its run", REMEDY)
     inputs = [*request.inputs, *new]
     # in its own folder edits are kept
     options = {**request.options, "jobs": jobs, "overwrite": overwrite or out is None}
     recipe = kept_recipe(request.plan)
-    run = look_at_scan(open_run(inputs, out or folder, recipe, keep=True, resume=True, **options))
+    run = look_at_scan(open_run(inputs, out or folder, recipe, keep=request.kept, resume=True, **options))
     broken = [reason for reason in run.failed if any(path in reason for path in new)]
     if broken:
         raise InputError(broken[0])

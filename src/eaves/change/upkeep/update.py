@@ -1,11 +1,13 @@
-"""A later scan of a part of a run's area: a build over the changed points that finds most of its results."""
+"""A later scan of a part of a run's area, or a person's edits: a build that finds most of its results."""
 
 from __future__ import annotations
 
 import datetime
 import logging
 import os
+import shutil
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,22 +16,21 @@ import numpy as np
 
 from eaves.blocks.superseded import files_of, scan_number
 from eaves.buildings.building_file import Kept, as_found
-from eaves.change.edits import settle, write_edits
-from eaves.change.upkeep.corrected import correct, outlines_in
-from eaves.change.upkeep.kept import MODELS, open_kept, read_request
-from eaves.change.upkeep.rebuild import LAYER, changed_in_layer, kept_edits
+from eaves.change.edits import Edit, read_edits, write_edits
+from eaves.change.upkeep.corrected import changed_in_layer, correct, kept_edits, outlines_in
+from eaves.change.upkeep.kept import MODELS, open_again, read_request
 from eaves.change.upkeep.versions import Versions, known_ids, lines_of, name_versions, write_history
-from eaves.flow.classified_points import known_copies
+from eaves.flow.classified_points import KEYS, known_copies
 from eaves.flow.collisions import EDITS, is_same_place
-from eaves.flow.numbers import keep_numbers, numbers_of_owners
+from eaves.flow.numbers import NUMBERS, keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
-from eaves.flow.region import Region, end_region, open_region, store_of
-from eaves.flow.run import WORK, Progress, no_progress
+from eaves.flow.region import Region, drop_upkeep, end_region, open_region, store_of
+from eaves.flow.run import WORK, Progress, Run, no_progress, stated_request
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.pipeline import bring_points, find_buildings, hold_folder
-from eaves.run.keys import EDITED, NAMED, REGIONS, SUPERSEDED
+from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
 from eaves.run.store import Store, link_file
@@ -38,6 +39,8 @@ log = logging.getLogger("eaves")
 
 AWAY_BLOCKS = 2
 """New points farther than so many blocks from all of the run's are of another place."""
+EARLIER = "earlier"
+"""Folder, beside the results of a run that is updated in its place, of those that it shows until then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +48,20 @@ class Updated:
     """The result of an update."""
 
     summary: Summary
-    date: str
+    date: str | None
+    """Of the new points; None where none came."""
     points: tuple[int, int]
     """Number of points added, and number replaced."""
     blocks: tuple[int, int]
     """Number of blocks computed again, and number of all."""
     versions: Versions
+    edits: tuple[Edit, ...] = ()
+    """All edits of the run, earlier ones too."""
+    modelled: tuple[str, ...] = ()
+    """Ids of the buildings that edits are of, as they are now."""
+    removed: tuple[str, ...] = ()
+    failed: tuple[str, ...] = ()
+    """Edits that gave no model, with the reason."""
     conflicts: tuple[str, ...] = ()
     """Among the edits, and edits whose building was removed."""
     beside: tuple[str, ...] = ()
@@ -59,45 +70,59 @@ class Updated:
 
     def as_text(self) -> str:
         """The closing lines."""
-        came, went = self.points
         named, found = self.versions, self.summary.found
         new, again, gone = len(named.new), len(named.remodelled), len(named.gone)
-        lines = [
-            f"{came:,} points came, {went:,} gave way; "
-            f"{self.blocks[0]:,} of {self.blocks[1]:,} blocks were computed again",
-            f"{found:,} buildings: {found - new - again:,} as they were, {again:,} modelled again, "
-            f"{new:,} new; {gone:,} are no more",
-        ]
+        lines = []
+        if self.date is not None:
+            came, went = self.points
+            lines.append(
+                f"{came:,} points came, {went:,} gave way; "
+                f"{self.blocks[0]:,} of {self.blocks[1]:,} blocks were computed again"
+            )
+        if self.date is not None or new or again or gone:
+            lines.append(
+                f"{found:,} buildings: {found - new - again:,} as they were, {again:,} modelled again, "
+                f"{new:,} new; {gone:,} are no more"
+            )
         if self.beside:
             lines.append(f"{len(self.beside):,} of those as they were share other walls with a neighbour")
-        return "\n".join([*lines, *(f"conflict: {words}" for words in self.conflicts)])
+        if self.edits or self.date is None:
+            lines.append(
+                f"{len(self.edits)} edits: {len(self.modelled)} buildings modelled by them, "
+                f"{len(self.removed)} removed"
+            )
+        lines += [f"conflict: {words}" for words in self.conflicts]
+        return "\n".join([*lines, *(f"no model: {words}" for words in self.failed)])
 
 
 def update(
     folder: str | Path,
-    inputs: str | Path | Sequence[str | Path],
-    out: str | Path,
+    inputs: str | Path | Sequence[str | Path] = (),
+    out: str | Path | None = None,
     date: str | None = None,
     jobs: int = 1,
     progress: Progress = no_progress,
     overwrite: bool = False,
     allow_failures: bool = False,
+    edits: str | Path | None = None,
 ) -> Updated:
-    """A run's results after a later scan of a part of its area, in a folder of their own.
+    """A run's results after a later scan of a part of its area, after a person's edits, or both.
 
-    New points take the place of the earlier ones in the area that they cover (`eaves.blocks.superseded`).
-    What comes out is what a build of the points that stay and the new ones gives; a step that takes what it
-    took before is found by its key. Buildings keep their ids where half of their outline stays, and edits are
-    kept.
+    It is a build over what the run kept: a step that takes what it took before is found by its key. New
+    points take the place of the earlier ones in the area that they cover (`eaves.blocks.superseded`); what
+    comes out is what a build of the points that stay and the new ones gives. Buildings keep their ids where
+    half of their outline stays. Edits are those kept in the folder's edits.gpkg, what was changed in its
+    footprints.gpkg, and those of the file `edits`. Without new points a run need not have kept anything:
+    all is then computed again.
 
     Parameters
     ----------
     folder : str or Path
-        Folder of `eaves build --keep` or of an earlier update. It stays as it is.
+        Folder of `eaves build`, with new points of `eaves build --keep` or of an earlier update.
     inputs : str, Path or sequence of them
         The new points: files, folders or globs, in the run's reference system.
-    out : str or Path
-        Folder for the results; another one.
+    out : str, Path or None
+        Folder for the results; None for `folder`. New points need another one: `folder` stays as it is.
     date : str or None
         `YYYY-MM-DD`, for the `creationDate` and `terminationDate` of what changes; by default the latest
         creation date in the headers of the new files.
@@ -109,6 +134,9 @@ def update(
         Write over edits, changed files and the results of other inputs that `out` holds.
     allow_failures : bool
         Return what there is when a part could not be computed.
+    edits : str, Path or None
+        More edits: polygons with a field `verdict`, and `id` where they are of a known building, or a CSV
+        file of both fields.
 
     Returns
     -------
@@ -118,7 +146,8 @@ def update(
     Raises
     ------
     InputError
-        When the folder keeps no parts, or the new points do not fit it; nothing is written then.
+        When the folder keeps no parts, the new points do not fit it, an input has changed, or an edit cannot
+        be read; no output changes then.
     IncompleteRunError
         When a part could not be computed, after all the others.
 
@@ -129,63 +158,120 @@ def update(
     >>> updated.versions.new                                              # doctest: +SKIP
     ['b351_1863_66_250']
     """
-    folder, out = Path(folder), Path(out)
-    known = read_request(folder).inputs
-    new = check_inputs(folder, known, list_inputs(inputs), out)
-    when = date_of(new, date)
-    run = open_kept(folder, new, out, jobs, overwrite)
-    with lock_folder(folder), hold_folder(run) as workers:
-        before = replace(store_of(run), folder=folder / WORK)
-        shown = outlines_in(Kept(before), run.side)
-        if shown and changed_in_layer(folder, before, shown):
-            raise InputError.about(
-                folder / LAYER, "has edits that were not rebuilt", f"run eaves update {folder} first"
-            )
-        store_of(run).discard()
-        link_results(before.folder, run.work_folder)
+    folder, out = Path(folder), Path(out or folder)
+    inside = is_same_place(folder, out)
+    request = read_request(folder)
+    new = check_inputs(folder, request.inputs, list_inputs(inputs), out) if inputs else []
+    when = date_of(new, date) if new else None
+    run = open_again(folder, new, None if inside else out, jobs, overwrite)
+    linked = request.kept and not inside
+    with nullcontext() if inside else lock_folder(folder), hold_folder(run) as workers:
+        if linked:
+            store_of(run).discard()
+            link_results(folder / WORK, run.work_folder)
         region = open_region(run, workers, progress)
         bring_points(region)
-        check_place(region)
-        begin_manifest(out)
-        owners = find_buildings(region)
-        store = region.store
-        versions, changed = name_versions(store, as_found(before), owners, known_ids(folder), when)
-        edits = kept_edits(folder, store)
-        orders, conflicts = settle(edits, outlines_in(as_found(store), run.side))
-        edited = correct(region, orders)
-        keep_numbers(
-            store, sorted(changed | edited.touched), numbers_of_owners(before, Kept(before).owners(run.side))
-        )
-        summary = write_outputs(region, Kept(store).owners(run.side), copies=known_copies(folder, before))
-        beside = walls_changed(folder, out, {*versions.new, *versions.remodelled, *(o.id for o in orders)})
-        words = {
-            "date": when,
-            "inputs": [Path(path).name for path in new],
-            "new": len(versions.new),
-            "remodelled": len(versions.remodelled),
-            "gone": len(versions.gone),
-            "beside": len(beside),
-        }
-        files = [*summary.files, *write_history(folder, out, MODELS, versions.ended, when)]
-        if (folder / EDITS).exists():
-            write_edits(out / EDITS, edits, store.system)
-            files.append(out / EDITS)
-        region.run = replace(run, updates=(*run.updates, words))
-        end_region(region, summary.complete)
-        end_manifest(out, files, summary.complete)
-        conflicts += [f"no model: {one}" for one in edited.failed]
-        updated = Updated(
-            replace(summary, files=tuple(files)),
-            when,
-            points_counted(region),
-            (blocks_computed(region, before), len(region.blocks)),
-            versions,
-            tuple(conflicts),
-            tuple(beside),
-        )
-    if summary.failed and not allow_failures:
-        raise IncompleteRunError(summary.failed, updated)
+        if new:
+            check_place(region)
+        if not request.kept:
+            compute_again(region, folder)
+        before = earlier_results(region.store, folder / WORK if linked else run.work_folder)
+        ordered = [*kept_edits(folder, before.system), *new_edits(folder, edits, before, run.side)]
+        if not inside:
+            begin_manifest(out)
+        updated = update_region(region, before, folder, ordered, when)
+    if updated.summary.failed and not allow_failures:
+        raise IncompleteRunError(updated.summary.failed, updated)
     return updated
+
+
+def compute_again(region: Region, folder: Path) -> None:
+    """The buildings that a run shows which kept nothing: those that it found, and on them its edits."""
+    log.info("%s: keeps no parts of its run, so that all of it is computed again", folder)
+    drop_upkeep(region)
+    find_buildings(region)
+    correct(region, kept_edits(folder, region.store.system))
+
+
+def earlier_results(store: Store, folder: Path) -> Store:
+    """The results of the run that is updated, as it shows them, with its results in a folder.
+
+    In the folder of the store itself the buildings are set aside, for the store goes on with the others; an
+    update that was broken off leaves them.
+    """
+    earlier = replace(store, folder=folder / EARLIER)
+    if earlier.folder.exists():
+        return earlier
+    if not is_same_place(folder, store.folder):
+        return replace(store, folder=folder)
+    hidden = folder / f"{EARLIER}-{os.getpid()}"
+    for name in (REGIONS, BUILDINGS, NAMED, EDITED):
+        link_results(folder / name, hidden / name)
+    for name in (NUMBERS, KEYS):
+        if (folder / name).exists():
+            link_file(folder / name, hidden / name)
+    hidden.rename(earlier.folder)
+    return earlier
+
+
+def new_edits(folder: Path, file: str | Path | None, shown: Store, side: float) -> list[Edit]:
+    """The edits that a user made in a run's layer since it was written, and those of a file; the store has
+    the buildings that the run shows, in blocks of a side (m)."""
+    outlines, found = outlines_in(Kept(shown), side), outlines_in(as_found(shown), side)
+    edits = changed_in_layer(folder, shown.system, outlines)
+    return edits if file is None else [*edits, *read_edits(Path(file), shown.system, {**found, **outlines})]
+
+
+def update_region(
+    region: Region, before: Store, folder: Path, edits: Sequence[Edit], date: str | None
+) -> Updated:
+    """The buildings of a region with the names of those before and with all edits, and the files of them; the
+    folder is that of the run that is updated, the date that of new points."""
+    store, side, out = region.store, region.run.side, region.run.folder
+    owners = find_buildings(region)
+    versions, changed = name_versions(store, as_found(before), owners, known_ids(folder), date)
+    edited = correct(region, edits)
+    numbers = numbers_of_owners(before, Kept(before).owners(side))
+    keep_numbers(store, sorted(changed | edited.touched), numbers)
+    summary = write_outputs(region, Kept(store).owners(side), copies=known_copies(folder, before))
+    files = [*summary.files, *write_history(folder, out, MODELS, versions, date)]
+    if edits or (folder / EDITS).exists():
+        write_edits(out / EDITS, edits, store.system)
+        files.append(out / EDITS)
+    beside: list[str] = []
+    if date is not None:
+        others = {*versions.new, *versions.remodelled, *edited.modelled, *edited.removed}
+        beside = walls_changed(folder, out, others)
+        region.run = with_update(region.run, date, versions, len(beside))
+    end_region(region, summary.complete)
+    end_manifest(out, files, summary.complete, edits=len(edits), **stated_request(region.run))
+    shutil.rmtree(store.folder / EARLIER, ignore_errors=True)
+    return Updated(
+        summary=replace(summary, files=tuple(files)),
+        date=date,
+        points=points_counted(region),
+        blocks=(blocks_computed(region, before), len(region.blocks)),
+        versions=versions,
+        edits=tuple(edits),
+        modelled=edited.modelled,
+        removed=edited.removed,
+        failed=edited.failed,
+        conflicts=edited.conflicts,
+        beside=tuple(beside),
+    )
+
+
+def with_update(run: Run, date: str, versions: Versions, beside: int) -> Run:
+    """A run with the counts of its last update, of the points from its last generation on."""
+    counts = {
+        "date": date,
+        "inputs": [run.index.path(number).name for number in range(run.generations[-1], len(run.index))],
+        "new": len(versions.new),
+        "remodelled": len(versions.remodelled),
+        "gone": len(versions.gone),
+        "beside": beside,
+    }
+    return replace(run, updates=(*run.updates, counts))
 
 
 def check_inputs(folder: Path, known: Sequence[str], paths: Sequence[str], out: Path) -> list[str]:
@@ -237,10 +323,10 @@ def date_of(paths: Sequence[str], date: str | None) -> str:
 
 
 def link_results(source: Path, target: Path) -> None:
-    """The results of a run under other names, without taking room where the disk can do that, but for what
-    edits made of them. They are never written in place, so neither run sees what the other does."""
+    """The results of a run under other names, without taking room where the disk can do that. They are never
+    written in place, so neither run sees what the other does."""
     for place, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if name not in (EDITED, NAMED)]
+        folders[:] = [name for name in folders if name != EARLIER]
         to = target / Path(place).relative_to(source)
         to.mkdir(parents=True, exist_ok=True)
         for name in names:

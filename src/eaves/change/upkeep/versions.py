@@ -7,16 +7,16 @@ it left it. A building that no update has touched has neither, and is version 1.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
 from eaves.buildings.building_file import Kept, SavedBuilding, building_arrays
+from eaves.buildings.edited import CREATED, VERSION, version_of
 from eaves.formats.atomic import atomic
 from eaves.geometry.overlaps import half_shared, pair_off
 from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure
@@ -28,8 +28,8 @@ from eaves.run.store import Store, link_file
 HISTORY = "history.city.jsonl"
 """File of the versions that have ended: a line each, with `terminationDate`."""
 
-VERSION, CREATED, TERMINATED, IDENTIFIER = "version", "creationDate", "terminationDate", "identifier"
-"""Attributes of versions; `identifier` is the building's id, which its versions share."""
+TERMINATED, IDENTIFIER = "terminationDate", "identifier"
+"""Attributes of versions that have ended; `identifier` is the building's id, which its versions share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Placed:
 
 
 def name_versions(
-    after: Store, before: Kept, owners: Sequence[Block], ended: set[str], date: str
+    after: Store, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
 ) -> tuple[Versions, set[Block]]:
     """Give the buildings their ids and versions, in a layer over those of `after`; what became of them, and
     the owner blocks whose buildings are others than before.
@@ -81,8 +81,10 @@ def name_versions(
     ended
         Ids of removed buildings, which no new one may get.
     date
-        Of the update, as `YYYY-MM-DD`.
+        Of the update, as `YYYY-MM-DD`; None where no points came: what other code models otherwise is no new
+        version.
     """
+    after.keep_only(NAMED, ())
     found = Kept(after, (BUILDINGS,))
     side = owners[0].side if owners else BLOCK_SIDE
     known = set(before.store.found(BUILDINGS, before.owners(side)))
@@ -177,7 +179,7 @@ def block_id(one: Placed) -> str:
 
 
 def versioned(
-    result: BuildingResult, name: str, blocks: Mapping[str, str], old: BuildingResult | None, date: str
+    result: BuildingResult, name: str, blocks: Mapping[str, str], old: BuildingResult | None, date: str | None
 ) -> tuple[BuildingResult, bool]:
     """A result with its name and version, and whether its model is the earlier one."""
     outcome = result.outcome
@@ -191,17 +193,10 @@ def versioned(
         outcome = outcome.with_(attributes={**attributes, **before})
     if old is not None and same_outcome(outcome, old.outcome):
         return replace(result, outcome=old.outcome), True
-    if isinstance(outcome, BuildingModel):
+    if isinstance(outcome, BuildingModel) and date is not None:
         number = 1 if old is None else int(before.get(VERSION, 1)) + 1
         outcome = outcome.with_(attributes={**outcome.attributes, VERSION: number, CREATED: date})
     return replace(result, outcome=outcome), False
-
-
-def version_of(result: BuildingResult) -> dict[str, Any]:
-    """The attributes that tell of a building's version, where an update gave it one."""
-    if not isinstance(result.outcome, BuildingModel):
-        return {}
-    return {key: value for key, value in result.outcome.attributes.items() if key in (VERSION, CREATED)}
 
 
 def same_outcome(one: BuildingModel | Failure, other: BuildingModel | Failure) -> bool:
@@ -227,15 +222,17 @@ def known_ids(folder: Path) -> set[str]:
     return ids
 
 
-def write_history(folder: Path, out: Path, models: str, ended: Iterable[str], date: str) -> list[Path]:
-    """Write the versions that have ended: those of `folder`, and of `ended` as its file `models` had them.
+def write_history(folder: Path, out: Path, models: str, versions: Versions, date: str | None) -> list[Path]:
+    """Write the versions that have ended: those of `folder`, and on a date those that ended as its file
+    `models` had them.
 
     Nothing is written where there are none.
     """
     lines = list(lines_of(folder / HISTORY).values())
     path = folder / models
-    current = lines_of(path)
-    lines += [terminated(current[name], date) for name in sorted(set(ended)) if name in current]
+    if date is not None:
+        current = lines_of(path)
+        lines += [terminated(current[name], date) for name in sorted(set(versions.ended)) if name in current]
     if not lines:
         return []
     with path.open(encoding="utf-8") as file:

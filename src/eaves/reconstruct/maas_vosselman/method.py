@@ -15,10 +15,16 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.maas_vosselman.primitives import cut_plan
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
+from eaves.reconstruct.moments.building import ParametricBuilding
 from eaves.reconstruct.moments.method import measures
 from eaves.reconstruct.moments.parts import RoofPart, find_parts
-from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
+from eaves.reconstruct.moments.solid import (
+    house_segments,
+    name_cells,
+    rectangle_of,
+    to_world,
+    to_world_plane,
+)
 from eaves.reconstruct.plane_intersection import PlaneIntersection, raise_polyhedron, vote
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.evidence import points_inside, seen_roof, support_of
@@ -58,7 +64,8 @@ class MaasVosselman(Reconstructor):
     [maas_vosselman1999] has both algorithms, for standard gable houses and for polyhedral buildings, says
     that a ground plan may be given, and takes one building after the other. Cutting the plan, the choice
     between the two by cover and residuals, and one plan for both are ours. The cover is measured against the
-    area of the plan itself, not of its rectangle. No tolerance is printed.
+    area of the plan itself, not of its rectangle. No tolerance is printed. `houses` says whether the closed
+    solution stands or starts a fit, and whether axes and sizes are those of the plan; walls always are.
 
     Fails where
     -----------
@@ -83,7 +90,7 @@ class MaasVosselman(Reconstructor):
     )
     smallest_primitive: float = parameter(6.0, "Area of the smallest primitive.", unit="m2", gt=0.0)
     houses: Moments = parameter(
-        Moments(), "Method that models a primitive as a standard house.", unit="method"
+        Moments(ground_plan=True), "Method that models a primitive as a standard house.", unit="method"
     )
     faces: PlaneIntersection = parameter(
         PlaneIntersection(), "Method that models the others, by their planar faces.", unit="method"
@@ -105,14 +112,15 @@ class MaasVosselman(Reconstructor):
         pieces, cuts = cut_plan(footprint.polygon, self.least_fill, self.smallest_primitive)
         primitives = [self.shape(piece, roof) for piece in pieces]
         emit("primitives", pieces)
-        emit("houses", [primitive.house for primitive in primitives])
-        standard = sum(primitive.house is not None for primitive in primitives)
-        facts = {"primitives": len(primitives), "primitives_by_moments": standard}
-        if standard:
+        houses = [(one.house, one.parts) for one in primitives if one.house is not None]
+        emit("moments", [rectangle_of(house) for house, _ in houses])
+        emit("dormers", [rectangle_of(house, part.edges) for house, parts in houses for part in parts])
+        facts = {"primitives": len(primitives), "primitives_by_moments": len(houses)}
+        if houses:
             answer = self.join(primitives, cuts, points, seen, footprint, planes, ground, emit)
             if answer is not None:
-                if len(primitives) == 1 and primitives[0].house is not None:
-                    facts |= measures(primitives[0].house, primitives[0].parts)
+                if len(primitives) == 1:
+                    facts |= measures(*houses[0])
                 return answer.with_(attributes={**answer.attributes, **facts})
         facts["primitives_by_moments"] = 0
         other = self.faces.model(points, footprint, planes, ground, emit)
@@ -121,11 +129,13 @@ class MaasVosselman(Reconstructor):
     def shape(self, piece: Polygon, roof: Points) -> Primitive:
         """The house over a piece of the plan among all roof points (N, 3), if it is a standard one."""
         own = roof[points_inside(roof, piece)]
-        house = fit_building(own, piece)
+        house = self.houses.house_of(own, piece)
         if isinstance(house, Failure):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width
-        house = replace(house, empty_share=1.0 - covered / piece.area)
+        along, across = house.fit.axes(shapely.get_coordinates(piece))
+        edges = (along.min(), along.max(), across.min(), across.max())  # the walls are the plan's
+        house = replace(house, edges=edges, empty_share=1.0 - covered / piece.area)
         parts = find_parts(house, own, self.houses)
         if self.houses.doubt(house, parts, own):
             return Primitive(piece, None, [])

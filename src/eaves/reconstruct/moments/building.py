@@ -15,10 +15,17 @@ from eaves.reconstruct.moments.edges import (
     LEAST_NOISE,
     covered_area,
     measure_edges,
+    rectangle_around,
     settle_axes,
     take_plan,
 )
-from eaves.reconstruct.moments.invariants import ClosedForm, border_growth, closed_form, surface_moments
+from eaves.reconstruct.moments.invariants import (
+    ClosedForm,
+    Rectangle,
+    border_growth,
+    closed_forms,
+    surface_moments,
+)
 from eaves.reconstruct.moments.parametric_roof import (
     ACROSS,
     ALONG,
@@ -42,6 +49,9 @@ FEWEST_POINTS = 16
 
 CHOICE_POINTS = 160
 """Points with which the forms are compared before the one fit."""
+
+CLOSED_ROUNDS = 10
+"""Times that the moments are integrated again without what stands on the roof; three are usual."""
 
 HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
 """Fall of the ends as a share of the sides': a gable below the first, a hip from the second.
@@ -103,12 +113,14 @@ def fit_building(
     moments = surface_moments(points, triangles)
     if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
-    growth = border_growth(len(points))
-    level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
-    closed = closed_form(moments, level, growth)
+    forms, best = solve_closed(points, triangles, None if plan is None else rectangle_around(plan))
+    closed = forms[0]
+    covered = covered_area(points, triangles) * border_growth(len(points)) ** 2
+    along, across = 0.5 * closed.length, 0.5 * closed.width
+    frame = (-along, along, -across, across, np.nan, np.nan)
     if closed_only:
-        return closed_building(points, closed, covered_area(points, triangles) * growth**2)
-    best = choose_fit(points, closed)
+        return describe_building(best, closed, frame, np.abs(best.residuals) <= CUT * best.scale, covered)
+    best = choose_fit(points, forms)
     inlier = np.abs(best.residuals) <= CUT * best.scale
     if best.form == HIP and max(end_falls(best, *measure_edges(best, points[inlier])[:4])) < HIP_FALL:
         best = fit_parametric_roof(GABLE, points, best.centre, best.parameters, LEAST_NOISE)
@@ -122,24 +134,52 @@ def fit_building(
             best = settle_axes(best, points[rim])
         above = points[~rim & (best.residuals > 0.0)]
         frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
-    covered = covered_area(points, triangles) * growth**2
     return describe_building(best, closed, frame, inlier, covered)
 
 
-def closed_building(points: Points, closed: ClosedForm, covered: float) -> ParametricBuilding:
-    """The house of the closed solution alone, over points (N, 3) that cover so much (m²)."""
-    form = {"flat": PLANE, "shed": PLANE, "gable": GABLE}.get(closed.roof, HIP)
-    start = start_of(form, closed)
-    if form != PLANE:
-        start[TOP] = closed.ridge
-        start[[LEFT_SLOPE, RIGHT_SLOPE, END_SLOPE]] = 2.0 * abs(closed.rise) / closed.width
-    if closed.roof == "pyramid":
-        start[HALF_RIDGE], start[END_SLOPE] = 0.0, 2.0 * abs(closed.rise) / closed.length
+def solve_closed(
+    points: Points, triangles: NDArray[np.int32], plan: Rectangle | None
+) -> tuple[list[ClosedForm], ParametricFit]:
+    """The closed solutions, first the one that explains points (N, 3) best, and its roof with residuals.
+
+    Points off the roof are dormers, chimneys and terraces: they take its height, and the moments are
+    integrated again, until the same points are off.
+    """
+    heights, off = points, np.zeros(len(points), bool)
+    for _ in range(CLOSED_ROUNDS):
+        moments = surface_moments(heights, triangles)
+        level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
+        forms = closed_forms(moments, level, border_growth(len(points)), plan)
+        fits = [closed_fit(points, closed) for closed in forms]
+        order = np.argsort(costs_of(fits), kind="stable")
+        best = fits[order[0]]
+        before, off = off, np.abs(best.residuals) > CUT * best.scale
+        if (off == before).all():
+            break
+        heights = points - np.where(off, best.residuals, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    return [forms[k] for k in order], best
+
+
+def closed_fit(points: Points, closed: ClosedForm) -> ParametricFit:
+    """The roof of a closed solution as it is, with the residuals of points (N, 3) and no covariance."""
+    form, start = parameters_of(closed)
     fit = fit_parametric_roof(form, points, np.array([closed.x, closed.y]), start, LEAST_NOISE, 0)
-    fit = replace(fit, covariance=np.full_like(fit.covariance, np.nan))
-    along, across = 0.5 * closed.length, 0.5 * closed.width
-    frame = (-along, along, -across, across, np.nan, np.nan)
-    return describe_building(fit, closed, frame, np.abs(fit.residuals) <= CUT * fit.scale, covered)
+    return replace(fit, covariance=np.full_like(fit.covariance, np.nan))
+
+
+def parameters_of(closed: ClosedForm) -> tuple[int, NDArray[np.float64]]:
+    """The form and the parameters (8,) of a closed solution."""
+    form = {"flat": PLANE, "shed": PLANE, "gable": GABLE}.get(closed.roof, HIP)
+    start, rise = np.zeros(8), abs(closed.rise)
+    start[ANGLE], start[ACROSS], start[TOP] = closed.orientation, closed.ridge_offset, closed.ridge
+    if form == PLANE:
+        start[TOP], start[LEFT_SLOPE] = closed.eaves + 0.5 * rise, -closed.rise / closed.width
+        return form, start
+    start[[LEFT_SLOPE, RIGHT_SLOPE, END_SLOPE]] = 2.0 * rise / closed.width
+    start[HALF_RIDGE] = max(closed.length - closed.width, 0.0) / 2.0
+    if closed.roof == "pyramid":
+        start[HALF_RIDGE], start[END_SLOPE] = 0.0, 2.0 * rise / closed.length
+    return form, start
 
 
 def hiding(fit: ParametricFit, above: Points, rim: Points) -> Points:
@@ -153,28 +193,34 @@ def hiding(fit: ParametricFit, above: Points, rim: Points) -> Points:
     return above[inside]
 
 
-def choose_fit(points: Points, closed: ClosedForm) -> ParametricFit:
-    """The fit of the form that explains the points best for its number of parameters."""
-    centre = np.array([closed.x, closed.y])
+def choose_fit(points: Points, closed: list[ClosedForm]) -> ParametricFit:
+    """The fit that explains the points best for its number of parameters, from a closed solution."""
+    centre = np.array([closed[0].x, closed[0].y])
     some = points[:: max(1, len(points) // CHOICE_POINTS)]
-    starts = [(form, start_of(form, closed)) for form in (PLANE, GABLE, HIP)]
-    starts[HIP][1][HALF_RIDGE] += 0.25 * closed.width  # half-way to a gable: half-hips are found from there
-    starts.append((GABLE, across_start(closed)))
-    fits = [fit_parametric_roof(form, some, centre, start, LEAST_NOISE) for form, start in starts]
+    fits = []
+    for solution in closed:
+        form, start = parameters_of(solution)
+        if form == HIP:
+            start[HALF_RIDGE] += 0.25 * solution.width  # half-way to a gable: half-hips are found from there
+        fits.append(fit_parametric_roof(form, some, centre, start, LEAST_NOISE))
     fits = [fit for fit in fits if is_roof(fit)]
-    scale = min(fit.scale for fit in fits)
-    price = 0.5 * float(np.log(len(some)))
-    costs = []
-    for fit in fits:
-        square = (fit.residuals / (CUT * scale)) ** 2
-        free = len(FREE[fit.form])
-        costs.append(0.5 * CUT**2 * float(np.sum(square / (1.0 + square))) + free * price)
-    for choice in np.argsort(costs, kind="stable"):
+    for choice in np.argsort(costs_of(fits), kind="stable"):
         chosen = fits[choice]
         final = fit_parametric_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
         if is_roof(final):
             return final
-    return fit_parametric_roof(PLANE, points, centre, starts[0][1], LEAST_NOISE)
+    return fit_parametric_roof(PLANE, points, centre, np.zeros(8), LEAST_NOISE)
+
+
+def costs_of(fits: list[ParametricFit]) -> list[float]:
+    """The robust squares of each fit's residuals, and a price for each of its parameters."""
+    scale = min(fit.scale for fit in fits)
+    costs = []
+    for fit in fits:
+        square = (fit.residuals / (CUT * scale)) ** 2
+        price = 0.5 * float(np.log(len(square))) * len(FREE[fit.form])
+        costs.append(0.5 * CUT**2 * float(np.sum(square / (1.0 + square))) + price)
+    return costs
 
 
 def is_roof(fit: ParametricFit) -> bool:
@@ -188,31 +234,6 @@ def is_roof(fit: ParametricFit) -> bool:
         if p[HALF_RIDGE] < -FARTHEST_OVERLAP:
             return False
     return bool(min(falls) > np.tan(np.radians(FLAT_SLOPE_DEG)))
-
-
-def start_of(form: int, closed: ClosedForm) -> NDArray[np.float64]:
-    """The closed solution as parameters (8,) of a form."""
-    start = np.zeros(8)
-    start[ANGLE] = closed.orientation
-    rise = max(abs(closed.rise), closed.rise_across, 0.1 * closed.width)
-    start[TOP] = closed.eaves + rise
-    if form == PLANE:
-        start[TOP] = closed.eaves + 0.5 * abs(closed.rise)
-        if closed.roof == "shed":
-            start[LEFT_SLOPE] = -closed.rise / closed.width
-        return start
-    start[LEFT_SLOPE] = start[RIGHT_SLOPE] = start[END_SLOPE] = 2.0 * rise / closed.width
-    start[HALF_RIDGE] = max(closed.length - closed.width, 0.0) / 2.0
-    return start
-
-
-def across_start(closed: ClosedForm) -> NDArray[np.float64]:
-    """Parameters (8,) of a gable whose ridge runs the other way than the closed solution's."""
-    start = start_of(GABLE, closed)
-    start[ANGLE] += np.pi / 2.0
-    rise = max(closed.rise_along, 0.1 * closed.length)
-    start[LEFT_SLOPE] = start[RIGHT_SLOPE] = 2.0 * rise / closed.length
-    return start
 
 
 def describe_building(

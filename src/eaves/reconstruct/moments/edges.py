@@ -11,6 +11,7 @@ from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.model import Points
 from eaves.reconstruct.moments.extents import extent_of
+from eaves.reconstruct.moments.invariants import Rectangle
 from eaves.reconstruct.moments.parametric_roof import (
     ANGLE,
     END_SLOPE,
@@ -25,6 +26,17 @@ LEAST_NOISE = 0.015
 
 EMPTY_RADIUS = 4.0
 """A triangle is empty ground when its circle is this many times wider than usual."""
+
+
+def rectangle_around(plan: BaseGeometry) -> Rectangle:
+    """The least rectangle around a plan."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
+    sides = np.diff(corners[:3], axis=0)
+    sizes = np.hypot(*sides.T)
+    longer = int(np.argmax(sizes))
+    x, y = corners[:4].mean(axis=0)
+    angle = float(np.arctan2(*sides[longer, ::-1]))
+    return Rectangle(float(x), float(y), angle, float(sizes[longer]), float(sizes[1 - longer]))
 
 
 def take_plan(

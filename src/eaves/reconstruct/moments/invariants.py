@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from eaves.model import Points
 
@@ -78,8 +79,7 @@ class ClosedForm:
     """A house straight from moments: roof type, place, ridge orientation (radians), sizes and heights (m).
 
     `length` runs along the ridge, `width` across. `rise` is Δ, ridge above eaves; for a shed its sign is
-    that of the fall across. `rise_along` and `rise_across` are Δu and Δv of the formulas, `tilt` the shed's
-    Δ.
+    that of the fall across. `ridge_offset` is how far the ridge of a gable lies beside the middle.
     """
 
     roof: str
@@ -90,9 +90,7 @@ class ClosedForm:
     width: float
     eaves: float
     rise: float
-    rise_along: float
-    rise_across: float
-    tilt: float
+    ridge_offset: float
 
     @property
     def ridge(self) -> float:
@@ -106,51 +104,66 @@ class ClosedForm:
         return float(np.arctan2(abs(self.rise), run))
 
 
-def closed_form(moments: SurfaceMoments, level: float, growth: float = 1.0) -> ClosedForm:
-    """The closed solution for a flat, shed, gable, hip or pyramid roof; rises under `level` (m) are flat.
+@dataclass(frozen=True)
+class Rectangle:
+    """A ground plan: its middle (m), the direction of its length (radians), length and width (m)."""
+
+    x: float
+    y: float
+    orientation: float
+    length: float
+    width: float
+
+
+def closed_forms(
+    moments: SurfaceMoments, level: float, growth: float = 1.0, plan: Rectangle | None = None
+) -> list[ClosedForm]:
+    """The closed solution for every roof type with its ridge along either axis; rises under `level` (m) are
+    none.
 
     `growth` is the ratio of the house's length and width to those of the area of its points: rises grow
-    with it, and the middle of the roof stays.
+    with it, and the middle of the roof stays. With a `plan` place, axes and sizes are the plan's.
     """
-    angle = axis_angle(moments, level)
-    along, across = turned(angle, moments.xx, moments.xy, moments.yy)
-    high_along, high_across = turned(angle, moments.hxx, moments.hxy, moments.hyy)
-    length, width = float(np.sqrt(12.0 * max(along, 1e-12))), float(np.sqrt(12.0 * max(across, 1e-12)))
-    rise_along, rise_across = -48.0 * high_along / length**2, -48.0 * high_across / width**2
-    cosine, sine = np.cos(angle), np.sin(angle)
-    tilt_along = 12.0 * (cosine * moments.hx + sine * moments.hy) / length
-    tilt_across = 12.0 * (cosine * moments.hy - sine * moments.hx) / width
-    tilted = max(abs(tilt_along), abs(tilt_across)) > max(abs(rise_along), abs(rise_across))
-    if (abs(tilt_along) > abs(tilt_across)) if tilted else (rise_along > rise_across):
-        angle += np.pi / 2.0
-        length, width = width, length
-        rise_along, rise_across = rise_across, rise_along
-        tilt_along, tilt_across = tilt_across, -tilt_along
-    mean = moments.height
-    if tilted and abs(tilt_across) > level:
-        roof, rise, eaves = "shed", tilt_across, mean - abs(tilt_across) / 2.0
-    elif rise_across <= level:
-        roof, rise, eaves = "flat", 0.0, mean
-    else:
-        roof, rise, eaves = closed_ridge(length, width, rise_along, rise_across, mean)
-    top = eaves + abs(rise)
-    if roof == "shed":
-        eaves -= 0.5 * (growth - 1.0) * abs(rise)
-    else:
-        eaves = top - growth * abs(rise)
-    return ClosedForm(
-        roof,
-        moments.x,
-        moments.y,
-        float(np.mod(angle, np.pi)),
-        length * growth,
-        width * growth,
-        float(eaves),
-        float(rise * growth),
-        float(rise_along),
-        float(rise_across),
-        float(tilt_across),
-    )
+    axis = axis_angle(moments, level) if plan is None else plan.orientation
+    forms = []
+    for turn in (0.0, np.pi / 2.0):
+        angle = axis + turn
+        cosine, sine = np.cos(angle), np.sin(angle)
+        along, across = turned(angle, moments.xx, moments.xy, moments.yy)
+        high_along, high_across = turned(angle, moments.hxx, moments.hxy, moments.hyy)
+        length, width = float(np.sqrt(12.0 * max(along, 1e-12))), float(np.sqrt(12.0 * max(across, 1e-12)))
+        place = (moments.x, moments.y, length * growth, width * growth)
+        if plan is not None:
+            sides = (plan.width, plan.length) if turn else (plan.length, plan.width)
+            place = (plan.x, plan.y, *sides)
+        x, y, whole_length, whole_width = place
+        rise_along, rise_across = -48.0 * high_along / length**2, -48.0 * high_across / width**2
+        tilt, wider = 12.0 * (cosine * moments.hy - sine * moments.hx) / width, whole_width / width
+        share = min(width / length, 1.0)
+        hip_along = share * (20.0 - 15.0 * share + 3.0 * share**2) / 15.0
+        hip_rise = (rise_along + rise_across) / (1.0 - 7.0 / 15.0 * share + hip_along)
+        ridge = ridge_place(tilt, rise_across)
+        hip = "pyramid" if length < SQUARISH * width else "hip"
+        off = 0.5 * width * ridge + cosine * (moments.y - y) - sine * (moments.x - x)
+        for roof, rise, above, beside, offered in (
+            ("flat", 0.0, 0.0, 0.0, length >= width),
+            ("shed", tilt, 0.5 * wider, 0.0, abs(tilt) > level),
+            ("gable", rise_across / (1.0 - ridge**2) ** 2, 0.5 * (1.0 + ridge**2), off, rise_across > level),
+            (hip, hip_rise, 0.5 + share / 6.0, 0.0, hip_rise > level and SQUARISH * length >= width),
+        ):
+            if offered:
+                eaves = moments.height + (above - wider) * abs(rise)
+                sizes = (float(angle), whole_length, whole_width)
+                forms.append(ClosedForm(roof, x, y, *sizes, float(eaves), float(rise * wider), float(beside)))
+    return forms
+
+
+def ridge_place(tilt: float, rise: float) -> float:
+    """Distance of a gable's ridge from the middle, in half widths, from the tilt and Δv of its two sides of
+    one slope: t (1 − q²)² = q (3 − q²), t = tilt / Δv; a shed is q = ±1, the standard house q = 0."""
+    if rise <= 0.0:
+        return 0.0
+    return float(brentq(lambda q: tilt * (1.0 - q * q) ** 2 - rise * q * (3.0 - q * q), -1.0, 1.0))
 
 
 def border_growth(count: int) -> float:
@@ -161,24 +174,6 @@ def border_growth(count: int) -> float:
     """
     lost = 8.0 / 3.0 * float(np.log(max(count, 2))) / max(count, 2)
     return float(np.sqrt(1.0 / max(1.0 - lost, 0.25)))
-
-
-def closed_ridge(
-    length: float, width: float, rise_along: float, rise_across: float, mean: float
-) -> tuple[str, float, float]:
-    """Roof type, Δ and eaves of a gable, hip or pyramid from Δu, Δv and the mean height h̄ (m).
-
-    A hip of equal slopes has Δu between none (gable) and that of its length and width; half-way between
-    decides.
-    """
-    share = min(width / length, 1.0)
-    hip_across = 1.0 - 7.0 / 15.0 * share
-    hip_along = share * (20.0 - 15.0 * share + 3.0 * share**2) / 15.0
-    if length < width / SQUARISH or rise_along < 0.5 * rise_across * hip_along / hip_across:
-        return "gable", rise_across, mean - rise_across / 2.0
-    rise = (rise_along + rise_across) / (hip_along + hip_across)
-    roof = "pyramid" if length < SQUARISH * width else "hip"
-    return roof, rise, mean - rise * (0.5 - share / 6.0)
 
 
 def axis_angle(moments: SurfaceMoments, level: float) -> float:

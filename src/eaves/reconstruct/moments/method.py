@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from eaves.figures.attributes import describe_roof
 from eaves.geometry.roof_fit import roof_point_mask
@@ -44,10 +45,16 @@ class Moments(Reconstructor, PartLimits):
     The paper's text prints no formula; these are derived again and tested on exact integrals. Integrals
     over triangles take the place of sums over points: they correct for uneven density and are several times
     more precise. The border that the hull of n points loses is given back as 8/3 · ln n / n of the area.
-    Squarish houses take the axes of the height tensor, or, where heights are the same all around, of the
-    fourth moment, which is above order 2. The fit adds what the closed solution does not have: slopes of
-    their own for both sides, ends that begin above the eaves (half-hips; also the name where the ends
-    differ). Edges lie half a gap, Σg²/2Σg of the gaps g between points, beyond the outermost points.
+    The axis is tan 2θ = 2 μ11 / (μ20 − μ02), which a square leaves undefined (μ20 = μ02); n points at random
+    tell it to L W / (√n (L² − W²)) radians. Squarish houses take the axes of the height tensor, or, where
+    heights are the same all around, of the fourth moment, which is above order 2. Of the solutions for each
+    type, ridge along and across, the one whose roof lies nearest to the points is taken; points off it are
+    dormers and other asymmetries, they take its height, and the moments are integrated again, until the
+    same points are off. A ridge beside the middle follows from the tilt: t (1 − q²)² = q (3 − q²), t the tilt
+    over Δv, q its distance in half widths. With a ground plan axes, place and sizes are the plan's. The fit
+    adds what the closed solution does not have: slopes of their own for both sides, ends that begin above
+    the eaves (half-hips; also the name where the ends differ). Edges lie half a gap, Σg²/2Σg of the gaps g
+    between points, beyond the outermost points.
 
     Fails where
     -----------
@@ -99,9 +106,7 @@ class Moments(Reconstructor, PartLimits):
         finite = points[np.isfinite(points).all(axis=1)]
         roof = finite[roof_point_mask(finite)]
         roof = roof[canonical_order(roof)]
-        house = fit_building(
-            roof, footprint.polygon if self.ground_plan else None, closed_only=self.closed_only
-        )
+        house = self.house_of(roof, footprint.polygon)
         if isinstance(house, Failure):
             return replace(house, footprint=footprint)
         emit("closed solution", house.closed)
@@ -116,6 +121,10 @@ class Moments(Reconstructor, PartLimits):
             if found is not None:
                 return self.present(house, parts[:count], found, points, roof, footprint, ground)
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
+
+    def house_of(self, roof: Points, plan: Polygon) -> ParametricBuilding | Failure:
+        """The house under roof points (N, 3) over a plan, fitted or closed, as the parameters say."""
+        return fit_building(roof, plan if self.ground_plan else None, closed_only=self.closed_only)
 
     def doubt(self, house: ParametricBuilding, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""
@@ -175,7 +184,7 @@ def measures(house: ParametricBuilding, parts: list[RoofPart]) -> dict[str, Any]
         answer[f"house_{name}_deg"] = float(np.degrees(value))
         known = np.isfinite(deviations[name])
         answer[f"house_{name}_sd_deg"] = float(np.degrees(deviations[name])) if known else None
-    answer["house_orientation_closed_deg"] = float(np.degrees(closed.orientation))
+    answer["house_orientation_closed_deg"] = float(np.degrees(closed.orientation)) % 180.0
     answer["house_slope_closed_deg"] = float(np.degrees(closed.slope))
     answer["house_ridge_offset_m"] = house.ridge_offset
     return answer

@@ -21,9 +21,9 @@ from eaves.solids.soundness import find_defect
 Edges = tuple[float, float, float, float]
 
 
-def rectangle_of(house: ParametricBuilding) -> Polygon:
-    """The plan of the main roof."""
-    west, east, south, north = house.edges
+def rectangle_of(house: ParametricBuilding, edges: Edges | None = None) -> Polygon:
+    """The plan of the main roof, or of a part with these edges."""
+    west, east, south, north = edges or house.edges
     corners = np.array([[west, south], [east, south], [east, north], [west, north]])
     return Polygon(np.round(to_world(house, corners) / COORDINATE_STEP) * COORDINATE_STEP)
 

@@ -19,7 +19,7 @@ from eaves.change.edits import (
     settle,
     write_edits,
 )
-from eaves.change.upkeep.rebuild import Rebuilt, rebuild
+from eaves.change.upkeep.update import Updated, update
 from eaves.formats import read_cityjson, read_polygons
 from eaves.formats.errors import InputError
 from eaves.model.coordinates import LOCAL_METRES
@@ -27,13 +27,15 @@ from eaves.pipeline import build
 from eaves.run.manifest import check_folder
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
+OUTPUTS = ("footprints", "models", "classified")
+
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that keeps its parts."""
     place = tmp_path_factory.mktemp("kept")
     files = write_simulation(nine_roofs_on_a_slope(density=8.0, seed=1), place / "nine")
-    build(files["points"], place / "out", keep=True, outputs=("footprints", "models", "classified"))
+    build(files["points"], place / "out", keep=True, outputs=OUTPUTS)
     return place / "out"
 
 
@@ -54,10 +56,10 @@ def models(out: Path) -> dict[str, str]:
     return {json.loads(line)["id"]: line for line in lines}
 
 
-def corrected(out: Path, *edits: Edit) -> Rebuilt:
+def corrected(out: Path, *edits: Edit) -> Updated:
     path = out.parent / "verdicts.gpkg"
     write_edits(path, edits, LOCAL_METRES)
-    return rebuild(out, path)
+    return update(out, edits=path)
 
 
 def pitched(out: Path) -> str:
@@ -81,10 +83,10 @@ def test_verdicts_that_the_page_saved_are_honoured(out: Path) -> None:
     gone = next(iter(models(out)))
     table = out.parent / "verdicts.csv"
     table.write_text(f'id,verdict\r\n"{gone}","no building"\r\n', encoding="utf-8")
-    assert rebuild(out, table).removed == (gone,)
+    assert update(out, edits=table).removed == (gone,)
     table.write_text("id,verdict\nb0,no building\n", encoding="utf-8")
     with pytest.raises(InputError, match="row 1 names the building 'b0'"):
-        rebuild(out, table)
+        update(out, edits=table)
 
 
 def test_a_flat_roof_is_flat(out: Path) -> None:
@@ -125,7 +127,7 @@ def test_what_was_taken_away_comes_back_where_the_edit_is_taken_back(out: Path) 
     gone = next(iter(before))
     corrected(out, Edit(NO_BUILDING, shapes[gone], gone))
     write_edits(out / "edits.gpkg", [], LOCAL_METRES)
-    rebuild(out)
+    update(out)
     assert models(out) == before
 
 
@@ -144,20 +146,73 @@ def test_edits_made_in_the_layer_itself(out: Path) -> None:
     names = list(frame["id"])
     frame.loc[1, "geometry"] = frame.geometry[1].buffer(-0.5, join_style="mitre")
     pyogrio.write_dataframe(frame.drop(index=0), path, layer="footprints")
-    done = rebuild(out)
+    done = update(out)
     assert done.removed == (names[0],)
     assert done.modelled == (names[1],)
     kept_edits = {(edit.id, edit.verdict) for edit in read_edits(out / "edits.gpkg", LOCAL_METRES)}
     assert kept_edits == {(names[0], NO_BUILDING), (names[1], FOOTPRINT)}
-    again = rebuild(out)
+    again = update(out)
     assert len(again.edits) == 2
     assert names[0] not in buildings(out)
 
 
-def test_without_kept_parts_the_remedy_is_told(tmp_path: Path) -> None:
+FILES = ("buildings.city.jsonl", "classified.laz", "review.csv")
+
+
+def test_a_run_that_kept_nothing_is_edited__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
+    plain = tmp_path / "plain"
+    build(json.loads((out / "run.json").read_text())["inputs"][0]["path"], plain, outputs=OUTPUTS)
+    assert not (plain / ".eaves-work").exists()
+    names = list(buildings(out))
+    edits = [
+        Edit(verdict, buildings(out)[name], name)
+        for name, verdict in zip(names, (NO_BUILDING, FLAT_ROOF), strict=False)
+    ]
+    assert corrected(out, *edits).removed == corrected(plain, *edits).removed == (names[0],)
+    assert all((out / name).read_bytes() == (plain / name).read_bytes() for name in FILES)
+    assert check_folder(plain) == []
+    assert not (plain / ".eaves-work").exists()
+    corrected(plain, Edit(IS_BUILDING, buildings(plain)[names[1]], names[1]))
+    assert names[0] not in models(plain)
+
+
+def test_results_that_are_missing_are_computed_again__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
+    shutil.copytree(out, tmp_path / "without")
+    for step in ("ground", "regions", "buildings"):
+        shutil.rmtree(tmp_path / "without" / ".eaves-work" / step)
+    name, shape = next(iter(buildings(out).items()))
+    for folder in (out, tmp_path / "without"):
+        corrected(folder, Edit(FLAT_ROOF, shape, name))
+    assert all((out / name).read_bytes() == (tmp_path / "without" / name).read_bytes() for name in FILES)
+
+
+def test_an_edit_is_said_once__in_columns_of_the_table(out: Path) -> None:
+    name, shape = next(iter(buildings(out).items()))
+    corrected(out, Edit(FLAT_ROOF, shape, name))
+    columns = pyogrio.read_info(out / "footprints.gpkg", layer="footprints")["fields"]
+    assert [column for column in columns if "edit" in column] == ["edit", "edit_source"]
+
+
+def test_an_edit_that_gives_no_model_says_so_in_its_row(out: Path) -> None:
+    west, south, _, _ = shapely.union_all(list(buildings(out).values())).bounds
+    far = shapely.box(west - 900.0, south, west - 890.0, south + 10.0)
+    done = corrected(out, Edit(IS_BUILDING, far, "far"))
+    assert [words.split(":")[0] for words in done.failed] == ["far"]
+    _, _, rows, _ = read_polygons(out / "footprints.gpkg", "footprints")
+    reason = next(row["failure_reason"] for row in rows if row["id"] == "far")
+    assert reason.endswith("(edit: is a building, verdicts.gpkg)")
+
+
+def test_a_building_that_a_person_drew_and_took_back_is_none(out: Path) -> None:
+    before, drawn = models(out), shapely.box(0.0, 0.0, 10.0, 10.0)
+    corrected(out, Edit(IS_BUILDING, drawn, "drawn"), Edit(NO_BUILDING, drawn, "drawn"))
+    assert models(out) == before
+
+
+def test_without_a_run_the_remedy_is_told(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     with pytest.raises(InputError, match="build it again with --keep"):
-        rebuild(tmp_path / "out")
+        update(tmp_path / "out")
 
 
 def test_a_verdict_that_is_not_known_is_refused__and_nothing_changes(out: Path) -> None:
