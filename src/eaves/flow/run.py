@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self, Unpack
 
 from eaves.flow.advice import scan_facts
-from eaves.flow.collisions import refuse_collisions, refuse_overwrite
+from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
 from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
 from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
@@ -236,7 +236,7 @@ def plan_run(
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
     single = options["classified"] is not None or goes_by_tiles(index, options)
-    carries_edits = carries_edits and not single
+    carries_edits = carries_edits and not single and (folder / EDITS).exists()
     plan = describe_plan(index, recipe, options, map_, hashes)
     if options["classified"] is None and not options["overwrite"]:
         refuse_overwrite(folder, plan, planned_files(index, options), carries_edits)

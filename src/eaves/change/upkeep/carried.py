@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 from eaves.buildings.building_file import Kept
@@ -14,7 +15,6 @@ from eaves.flow.collisions import EDITS
 from eaves.flow.region import Region
 from eaves.flow.run import Run
 from eaves.model import Block
-from eaves.model.summary import Summary
 
 log = logging.getLogger("eaves")
 
@@ -28,24 +28,20 @@ class CarriedEdits:
 
     @classmethod
     def of(cls, run: Run) -> Self:
-        """Those of a run that carries edits; of another one none."""
-        return cls(run, kept_edits(run.folder, run.index.system) if run.carries_edits else ())
+        """Those in the folder of a run."""
+        return cls(run, kept_edits(run.folder, run.index.system))
 
     def correct(self, region: Region, owners: list[Block]) -> list[Block]:
         """Carry them out on the buildings of a region, which `owners` own, and say of each that gave nothing
         why; the blocks that own buildings then."""
-        if not self.edits:
-            return owners
         corrected = correct(region, self.edits)
         log.info("%d edits of an earlier run are carried over", len(self.edits))
         for words in (*corrected.conflicts, *corrected.failed):
             log.warning("edit: %s", words)
         return Kept(region.store).owners(region.run.side)
 
-    def finish(self, summary: Summary) -> Summary:
-        """The summary with the file of the edits, which stays."""
-        if not self.edits:
-            return summary
+    def keep(self) -> Path:
+        """Write the file of the edits again, as those of this build; its path."""
         path = self.run.folder / EDITS
         write_edits(path, self.edits, self.run.index.system)
-        return replace(summary, files=(*summary.files, path))
+        return path
