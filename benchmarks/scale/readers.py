@@ -35,6 +35,7 @@ from benchmarks.table import keep
 from eaves.change.edits import FLAT_ROOF, Edit, read_edits, write_edits
 from eaves.cli.runs import read_recipe
 from eaves.formats import iter_chunks, iter_cityjson, open_source, read_polygons, read_raster
+from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.points.remote import Traffic, files_of_list
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
@@ -99,7 +100,7 @@ def make_readers(place: Path) -> Mapping[str, Reader]:
         either(0.6, one, other)
         for one, other in ((hurt_points, hurt_bytes), (hurt_database, hurt_bytes), (hurt_json, hurt_words))
     )
-    metres = CoordinateSystem()
+    metres, dutch = CoordinateSystem(), system_of(parse_crs("EPSG:28992"), place, (0.0, 0.0))
     return {
         "LAS": Reader(place / "a.las", points, read_points),
         "LAZ": Reader(place / "a.laz", points, read_points),
@@ -107,7 +108,7 @@ def make_readers(place: Path) -> Mapping[str, Reader]:
         "text points": Reader(place / "a.xyz", hurt_words, read_points),
         "VPC": Reader(place / "a.vpc", document, lambda path: list(files_of_list(path, None, Traffic()))),
         "GeoPackage": Reader(place / "footprints.gpkg", base, read_polygons),
-        "GeoJSON": Reader(place / "b.geojson", document, read_polygons),
+        "GeoJSON": Reader(place / "b.geojson", document, lambda path: read_polygons(path, target=dutch)),
         "FlatGeobuf": Reader(place / "a.fgb", hurt_bytes, read_polygons),
         "CityJSON": Reader(place / "a.city.jsonl", document, read_cities),
         "CityJSON to validate": Reader(place / "a.city.jsonl", document, validate_file),

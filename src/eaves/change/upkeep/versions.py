@@ -17,13 +17,13 @@ from shapely import Polygon
 
 from eaves.buildings.building_file import Kept, SavedBuilding, building_arrays
 from eaves.buildings.edited import CREATED, VERSION, version_of
+from eaves.change.upkeep.kept import link_file
 from eaves.formats.atomic import atomic
 from eaves.geometry.overlaps import half_shared, pair_off
 from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, NAMED
 from eaves.run.part_file import pack_item
-from eaves.run.store import Store, link_file
 
 HISTORY = "history.city.jsonl"
 """File of the versions that have ended: a line each, with `terminationDate`."""
@@ -67,14 +67,14 @@ class Placed:
 
 
 def name_versions(
-    after: Store, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
+    found: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
 ) -> tuple[Versions, set[Block]]:
-    """Give the buildings their ids and versions, in a layer over those of `after`; what became of them, and
-    the owner blocks whose buildings are others than before.
+    """Give the buildings their ids and versions, in a layer over those found; what became of them, and the
+    owner blocks whose buildings are others than before.
 
     Parameters
     ----------
-    after, before
+    found, before
         What was found now, and by the earlier run with the names that it gave.
     owners
         The blocks that own buildings now.
@@ -84,8 +84,8 @@ def name_versions(
         Of the update, as `YYYY-MM-DD`; None where no points came: what other code models otherwise is no new
         version.
     """
+    after = found.store
     after.keep_only(NAMED, ())
-    found = Kept(after, (BUILDINGS,))
     side = owners[0].side if owners else BLOCK_SIDE
     known = set(before.store.found(BUILDINGS, before.owners(side)))
     same = {name for name, key in after.found(BUILDINGS, owners) if (name, key) in known}
