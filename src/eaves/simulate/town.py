@@ -13,9 +13,8 @@ from shapely import Polygon
 
 from eaves.model import Bounds, CoordinateSystem, Values
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.simulate.objects.clutter import install
+from eaves.simulate.objects.clutter import hang_power_line, install, park_car, put_fence, span_bridge
 from eaves.simulate.objects.exact import ExactBuilding
-from eaves.simulate.objects.furniture import hang_power_line, park_car, put_fence, span_bridge
 from eaves.simulate.objects.masses import Mass, Plane
 from eaves.simulate.objects.roofs import make_building
 from eaves.simulate.objects.streets import Placement, Plot, TownStyle, draw_block, lay_streets
