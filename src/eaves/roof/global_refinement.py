@@ -107,21 +107,21 @@ class GlobalRefinement(RoofMethod):
         start = self.start
         local = start.surroundings(points)
         if on_lines(points, local.neighbours[:, 1], spacing):
-            kept = thin_lines(points, local, start.fewest_neighbours)
-            if len(kept) < len(points):
+            thinned = thin_lines(points, local, start.fewest_neighbours)
+            if len(thinned) < len(points):
                 between = start.distance_share * local.noise
                 return with_points_between(
-                    self.planes(points[kept], spacing, rng, emit), points, kept, between
+                    self.planes(points[thinned], spacing, rng, emit), points, thinned, between
                 )
         labels = start.grow(points, local, start.smooth_points(local))
         labels = start.join(points, labels, local)
         labels = start.give_back(points, labels, local)
         emit("grown", labels)
-        tried = np.zeros(len(points), bool)
+        proposed = np.zeros(len(points), bool)
         for turn in range(self.rounds):
             before = labels
-            if np.sum((labels == 0) & ~tried) >= self.fewest_points(local):
-                tried = labels == 0
+            if np.sum((labels == 0) & ~proposed) >= self.fewest_points(local):
+                proposed = labels == 0
                 labels = self.propose(points, labels, local)
             labels = self.relabel(points, labels, local)
             labels = self.join(points, labels, local)
@@ -134,29 +134,29 @@ class GlobalRefinement(RoofMethod):
 
     def propose(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) with new ones grown over the points that have none."""
-        left = np.flatnonzero(labels == 0)
-        if len(left) < self.fewest_points(local):
+        loose = np.flatnonzero(labels == 0)
+        if len(loose) < self.fewest_points(local):
             return labels
-        near = local_planes(points[left], self.left_neighbours, 2 * self.left_neighbours)
-        upright = near.normals[:, 2] >= np.cos(np.radians(self.start.max_slope))
-        flat = near.eigenvalues[:, 0] <= (1.5 * local.noise) ** 2
-        open_ = upright & (near.eigenvalues[:, 1] > 0.0)
-        seeds = np.argsort(near.eigenvalues[:, 0], kind="stable")
-        found = np.zeros(len(left), np.int32)
+        neighbourhoods = local_planes(points[loose], self.left_neighbours, 2 * self.left_neighbours)
+        upright = neighbourhoods.normals[:, 2] >= np.cos(np.radians(self.start.max_slope))
+        flat = neighbourhoods.eigenvalues[:, 0] <= (1.5 * local.noise) ** 2
+        open_ = upright & (neighbourhoods.eigenvalues[:, 1] > 0.0)
+        seeds = np.argsort(neighbourhoods.eigenvalues[:, 0], kind="stable")
+        regions = np.zeros(len(loose), np.int32)
         grow_kernel(
-            points[left],
-            near.neighbours,
-            near.counts,
-            near.normals,
+            points[loose],
+            neighbourhoods.neighbours,
+            neighbourhoods.counts,
+            neighbourhoods.normals,
             open_,
             seeds[(flat & open_)[seeds]],
             float(np.cos(np.radians(40.0))),
             2.5 * local.noise,
             self.fewest_points(local),
-            found,
+            regions,
         )
         grown = labels.copy()
-        grown[left] = np.where(found > 0, found + labels.max(initial=0), 0)
+        grown[loose] = np.where(regions > 0, regions + labels.max(initial=0), 0)
         return grown
 
     def relabel(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
@@ -179,11 +179,11 @@ class GlobalRefinement(RoofMethod):
         labels = without_gaps(labels)
         count = int(labels.max(initial=0))
         gap = 3.0 * local.spacing
-        near = near_regions(labels, points, count, gap)
+        adjacent = near_regions(labels, points, count, gap)
         wide = np.bincount(labels, minlength=count + 1)[1:] * local.spacing**2 >= (2.0 * gap) ** 2
-        near &= wide[:, None] & wide[None, :]
-        near |= touching_regions(labels, local.neighbours[:, :12], count)
-        return join_coplanar(points, labels, near, self.start.join_tolerance(local.noise), 1.2)
+        adjacent &= wide[:, None] & wide[None, :]
+        adjacent |= touching_regions(labels, local.neighbours[:, :12], count)
+        return join_coplanar(points, labels, adjacent, self.start.join_tolerance(local.noise), 1.2)
 
     def pay(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) without the planes that save less than their price, the worst first."""
@@ -215,8 +215,8 @@ def weights_of(squares: Values, noise: float, sag: float) -> Values:
     The variance is that of the noise, or more where the plane sags, up to the distance `sag` (m) that makes
     pieces one plane: else the points of a plane joined from pieces would be left out again.
     """
-    known = np.where(np.isnan(squares), 0.0, squares)
-    return np.asarray(1.0 / np.minimum(np.maximum(known, noise**2), sag**2))
+    variance = np.where(np.isnan(squares), 0.0, squares)
+    return np.asarray(1.0 / np.minimum(np.maximum(variance, noise**2), sag**2))
 
 
 def apart(worth: Values, poor: Mask, touching: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -265,12 +265,12 @@ def relabel_kernel(
                 if column > 0 and alike and (column < width or best <= outlier):
                     continue
                 label = labels[neighbours[i, column]] if column < width else 0
-                seen = False
+                repeated = False
                 for earlier in range(column if label != 0 else 0):
                     if labels[neighbours[i, earlier]] == label:
-                        seen = True
+                        repeated = True
                         break
-                if seen:
+                if repeated:
                     continue
                 if label == 0:
                     cost = outlier
@@ -278,11 +278,11 @@ def relabel_kernel(
                     plane = planes[label - 1]
                     away = plane[0] * xyz[i, 0] + plane[1] * xyz[i, 1] + plane[2] * xyz[i, 2] - plane[3]
                     cost = 0.5 * away * away * weights[label - 1]
-                others = 0
-                for other in range(1, width):
-                    if labels[neighbours[i, other]] != label:
-                        others += 1
-                cost += smoothness * others / max(width - 1, 1)
+                unlike = 0
+                for place in range(1, width):
+                    if labels[neighbours[i, place]] != label:
+                        unlike += 1
+                cost += smoothness * unlike / max(width - 1, 1)
                 if cost < best - 1e-12:
                     best, winner = cost, label
             if winner != labels[i]:
@@ -315,59 +315,59 @@ def worth_kernel(
     touching = touching_kernel(neighbours, labels, count)
     beside = np.empty((count + 1, count), np.int64)
     sizes = np.zeros(count + 1, np.int64)
-    for own in range(1, count + 1):
+    for number in range(1, count + 1):
         for label in range(1, count + 1):
-            if label == own or touching[own, label]:
-                beside[own, sizes[own]] = label
-                sizes[own] += 1
+            if label == number or touching[number, label]:
+                beside[number, sizes[number]] = label
+                sizes[number] += 1
     for i in range(len(xyz)):
-        own = labels[i]
-        if own == 0:
+        number = labels[i]
+        if number == 0:
             continue
         cheapest, inner = outlier, 0.0
-        for label in beside[own, : sizes[own]]:
+        for label in beside[number, : sizes[number]]:
             plane = planes[label - 1]
             away = plane[0] * xyz[i, 0] + plane[1] * xyz[i, 1] + plane[2] * xyz[i, 2] - plane[3]
             cost = 0.5 * away * away * weights[label - 1]
-            if label == own:
+            if label == number:
                 inner = cost
             elif cost < cheapest:
                 cheapest = cost
-        others = 0
+        unlike = 0
         for column in range(1, neighbours.shape[1]):
-            if labels[neighbours[i, column]] != own:
-                others += 1
-        inner += smoothness * others / max(neighbours.shape[1] - 1, 1)
-        worth[own - 1] += cheapest - inner
+            if labels[neighbours[i, column]] != number:
+                unlike += 1
+        inner += smoothness * unlike / max(neighbours.shape[1] - 1, 1)
+        worth[number - 1] += cheapest - inner
 
 
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:
     """Mask (K, K) of the pairs of regions that come about as near as `gap` (m) in plan: cells that wide
     touch."""
-    known = labels > 0
-    place = np.floor(xyz[known, :2] / gap).astype(np.int64)
+    labelled = labels > 0
+    place = np.floor(xyz[labelled, :2] / gap).astype(np.int64)
     place -= place.min(axis=0, initial=0) - 1
     wide = int(place.max(initial=0)) + 2
-    number = np.unique((place[:, 0] * wide + place[:, 1]) * count + labels[known] - 1)
-    near: NDArray[np.bool_] = beside_kernel(number, wide, count)
-    return near
+    number = np.unique((place[:, 0] * wide + place[:, 1]) * count + labels[labelled] - 1)
+    adjacent: NDArray[np.bool_] = beside_kernel(number, wide, count)
+    return adjacent
 
 
 @kernel
 def beside_kernel(number: NDArray[np.int64], wide: int, count: int) -> NDArray[np.bool_]:
     """Mask (K, K) of the pairs of `count` labels that lie in one cell or in cells that touch. Each `number`
     (M,), ascending, is that of a cell, `wide` to a column, times `count`, and a label in it."""
-    near = np.zeros((count, count), np.bool_)
-    for one in number:
-        cell, label = one // count, one % count
+    adjacent = np.zeros((count, count), np.bool_)
+    for code in number:
+        cell, label = code // count, code % count
         for step in (0, 1, wide - 1, wide, wide + 1):
             for place in range(np.searchsorted(number, (cell + step) * count), len(number)):
                 if number[place] // count != cell + step:
                     break
-                other = number[place] % count
-                if other != label:
-                    near[label, other] = near[other, label] = True
-    return near
+                neighbour = number[place] % count
+                if neighbour != label:
+                    adjacent[label, neighbour] = adjacent[neighbour, label] = True
+    return adjacent
 
 
 MOST_NEIGHBOURS = 20
@@ -398,38 +398,40 @@ def thin_lines(points: Points, local: LocalPlanes, fewest: int) -> NDArray[np.in
     side = 2.0 * local.spacing
     while True:
         cells = np.floor(points[:, :2] / side).astype(np.int64)
-        kept = np.sort(np.unique(cells, axis=0, return_index=True)[1])
-        if len(kept) < fewest:
+        thinned = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+        if len(thinned) < fewest:
             return np.arange(len(points))
-        nearest = cKDTree(points[kept, :2]).query(points[kept, :2], k=[2])[1][:, 0]
-        if not on_lines(points[kept], nearest, np.inf):
-            return kept
+        nearest = cKDTree(points[thinned, :2]).query(points[thinned, :2], k=[2])[1][:, 0]
+        if not on_lines(points[thinned], nearest, np.inf):
+            return thinned
         side *= COARSER
 
 
 def with_points_between(
-    planes: list[RoofPlane], points: Points, kept: NDArray[np.int64], tolerance: float
+    planes: list[RoofPlane], points: Points, thinned: NDArray[np.int64], tolerance: float
 ) -> list[RoofPlane]:
-    """The planes of the `kept` (K,) of points (N, 3) with the other points: each goes to the nearest of the
-    planes of the kept points around it, where it lies within the `tolerance` (m) of that.
+    """The planes of the `thinned` (K,) of points (N, 3) with the points between: each goes to the nearest of
+    the planes of thinned points around it, where it lies within the `tolerance` (m) of that.
     """
     if not planes:
         return []
-    label = np.full(len(kept), -1)
+    label = np.full(len(thinned), -1)
     for number, plane in enumerate(planes):
         label[plane.members] = number
     coefficients = np.array([plane.coefficients for plane in planes])
     normal = np.column_stack([-coefficients[:, :2], np.ones(len(planes))])
-    rest = np.setdiff1d(np.arange(len(points)), kept)
-    near = cKDTree(points[kept, :2]).query(points[rest, :2], k=[*range(1, min(NEAREST, len(kept)) + 1)])[1]
-    of = label[near]
-    over = np.einsum("nki,ni->nk", normal[of], points[rest]) - coefficients[of, 2]
+    between = np.setdiff1d(np.arange(len(points)), thinned)
+    nearest = cKDTree(points[thinned, :2]).query(
+        points[between, :2], k=[*range(1, min(NEAREST, len(thinned)) + 1)]
+    )[1]
+    of = label[nearest]
+    over = np.einsum("nki,ni->nk", normal[of], points[between]) - coefficients[of, 2]
     away = np.where(of >= 0, np.abs(over) / np.linalg.norm(normal[of], axis=2), np.inf)
     best = np.argmin(away, axis=1)
-    rows = np.arange(len(rest))
-    own = np.where(away[rows, best] <= tolerance, of[rows, best], -1)
+    rows = np.arange(len(between))
+    assigned = np.where(away[rows, best] <= tolerance, of[rows, best], -1)
     members = [
-        np.sort(np.concatenate([kept[plane.members], rest[own == number]]))
+        np.sort(np.concatenate([thinned[plane.members], between[assigned == number]]))
         for number, plane in enumerate(planes)
     ]
-    return [replace(plane, members=one) for plane, one in zip(planes, members, strict=True)]
+    return [replace(plane, members=numbers) for plane, numbers in zip(planes, members, strict=True)]
