@@ -40,10 +40,10 @@ def label_unit_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUni
     for units in rows:
         row = units.row
         s, t = row.grid()
-        own = (t >= row.first) & (t < row.last)
-        step = np.broadcast_to(np.arange(len(row.first)), s.shape)[own]
+        inside = (t >= row.first) & (t < row.last)
+        step = np.broadcast_to(np.arange(len(row.first)), s.shape)[inside]
         unit = np.searchsorted(units.walls, step, side="right")
-        cells = plan.cells(*row.place(s[own], t[own]))
+        cells = plan.cells(*row.place(s[inside], t[inside]))
         label[cells] = number + unit
         number += len(units.walls) + 1
     return number - first
@@ -72,9 +72,9 @@ def wall_lines(
     for units in rows:
         row = units.row
         for wall in units.walls.tolist():
-            near = min(row.first[wall - 1], row.first[wall])
+            start = min(row.first[wall - 1], row.first[wall])
             far = max(row.last[wall - 1], row.last[wall])
-            ends = np.column_stack(row.place(np.array([wall, wall]) * CELL_M, np.array([near, far])))
+            ends = np.column_stack(row.place(np.array([wall, wall]) * CELL_M, np.array([start, far])))
             ends[0] -= carried_on(plan, label, ends[0], -row.across, farthest) * row.across
             ends[1] += carried_on(plan, label, ends[1], row.across, farthest) * row.across
             lines.append(LineString(ends))
@@ -100,14 +100,14 @@ def divide_outline(
     ]
     count = int(label.max(initial=0))
     owner = owners_by_cells(pieces, plan, label, count)
-    found = joined_pieces(pieces, owner, count)
-    parts = [part for part in found if part is not None]
-    kept = [k + 1 for k, part in enumerate(found) if part is not None]
-    whole = []
+    joined = joined_pieces(pieces, owner, count)
+    parts = [part for part in joined if part is not None]
+    numbers = [k + 1 for k, part in enumerate(joined) if part is not None]
+    polygons = []
     for part in welded_outlines(parts):
         plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
-        whole.append(shapely.orient_polygons(plain if plain.is_valid else part))
-    return whole, kept
+        polygons.append(shapely.orient_polygons(plain if plain.is_valid else part))
+    return polygons, numbers
 
 
 def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int32], count: int) -> list[int]:
@@ -179,26 +179,26 @@ def merged_units(
     target = np.arange(count + 1)
     area = np.bincount(label.ravel(), minlength=count + 1) * CELL_M**2
     borders = borders_between(label)
-    seen: dict[tuple[int, int], float] = {}
+    border: dict[tuple[int, int], float] = {}
     for unit in range(count, 0, -1):
-        near = [
-            (len(places), -other, places)
+        neighbours = [
+            (len(places), -neighbour, places)
             for pair, places in borders.items()
             if unit in pair
-            for other in pair
-            if other != unit
+            for neighbour in pair
+            if neighbour != unit
         ]
-        near.sort(key=lambda one: one[:2], reverse=True)
-        if near and area[unit] < limits.smallest_unit:
-            target[head_of(target, unit)] = head_of(target, -near[0][1])
+        neighbours.sort(key=lambda entry: entry[:2], reverse=True)
+        if neighbours and area[unit] < limits.smallest_unit:
+            target[head_of(target, unit)] = head_of(target, -neighbours[0][1])
             continue
-        for length, other, places in ((length, -minus, places) for length, minus, places in near):
-            if owner[other - 1] >= owner[unit - 1] or length * CELL_M < limits.shortest_border:
+        for length, neighbour, places in ((length, -minus, places) for length, minus, places in neighbours):
+            if owner[neighbour - 1] >= owner[unit - 1] or length * CELL_M < limits.shortest_border:
                 continue
-            seen[other, unit] = border_odds(plan, places, points, noise)
-            if seen[other, unit] < 0.0:
-                one, two = sorted((head_of(target, unit), head_of(target, other)))
-                target[two] = one
+            border[neighbour, unit] = border_odds(plan, places, points, noise)
+            if border[neighbour, unit] < 0.0:
+                first, second = sorted((head_of(target, unit), head_of(target, neighbour)))
+                target[second] = first
     target = np.array([head_of(target, unit) for unit in range(count + 1)])
     names, number = np.unique(target[label], return_inverse=True)
     number = number.reshape(label.shape)
@@ -209,17 +209,17 @@ def merged_units(
     walls: Walls = {}
     sure = np.concatenate([[0.0], *([*row.certainty, 0.0] for row in rows)])
     for (a, b), places in sorted(borders.items(), key=lambda item: (-len(item[1]), item[0])):
-        one, two = sorted((int(final[a]), int(final[b])))
-        if one == two or (one, two) in walls:
+        first, second = sorted((int(final[a]), int(final[b])))
+        if first == second or (first, second) in walls:
             continue
         if owner[a - 1] == owner[b - 1]:
-            walls[one, two] = sure_in_row(float(sure[min(a, b)]))
+            walls[first, second] = sure_in_row(float(sure[min(a, b)]))
             continue
         if len(places) * CELL_M < limits.shortest_border:
             continue
-        if (a, b) not in seen:
-            seen[a, b] = border_odds(plan, places, points, noise)
-        walls[one, two] = sure_on_border(seen[a, b])
+        if (a, b) not in border:
+            border[a, b] = border_odds(plan, places, points, noise)
+        walls[first, second] = sure_on_border(border[a, b])
     return number.astype(np.int32), walls
 
 
@@ -234,20 +234,20 @@ def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[n
     """The places (M, 2; row, column) between cells of two units, by their numbers, the smaller first."""
     pairs, places = [], []
     for axis in (0, 1):
-        one = label[:-1] if axis == 0 else label[:, :-1]
-        other = label[1:] if axis == 0 else label[:, 1:]
-        row, column = np.nonzero((one != other) & (one > 0) & (other > 0))
-        pairs.append(np.sort(np.column_stack([one[row, column], other[row, column]]), axis=1))
+        first = label[:-1] if axis == 0 else label[:, :-1]
+        second = label[1:] if axis == 0 else label[:, 1:]
+        row, column = np.nonzero((first != second) & (first > 0) & (second > 0))
+        pairs.append(np.sort(np.column_stack([first[row, column], second[row, column]]), axis=1))
         places.append(np.column_stack([row + (axis == 0) * 0.5, column + (axis == 1) * 0.5]))
-    both, where = np.vstack(pairs), np.vstack(places)
-    if len(both) == 0:
+    couples, where = np.vstack(pairs), np.vstack(places)
+    if len(couples) == 0:
         return {}
-    names, number = np.unique(both, axis=0, return_inverse=True)
+    names, number = np.unique(couples, axis=0, return_inverse=True)
     order = np.argsort(number.ravel(), kind="stable")
     cuts = np.searchsorted(number.ravel()[order], np.arange(1, len(names)))
     return {
-        (int(a), int(b)): where[own]
-        for (a, b), own in zip(names.tolist(), np.split(order, cuts), strict=True)
+        (int(a), int(b)): where[members]
+        for (a, b), members in zip(names.tolist(), np.split(order, cuts), strict=True)
     }
 
 
@@ -282,5 +282,5 @@ def sure_on_border(odds: float) -> float:
 
 def calibrated(odds: float, line: tuple[float, float]) -> float:
     """The probability at log-odds on a line [platt1999]."""
-    held = float(np.clip(odds, -MOST_ODDS, MOST_ODDS))
-    return float(1.0 / (1.0 + np.exp(-line[0] - line[1] * held)))
+    bounded = float(np.clip(odds, -MOST_ODDS, MOST_ODDS))
+    return float(1.0 / (1.0 + np.exp(-line[0] - line[1] * bounded)))

@@ -66,8 +66,8 @@ def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float6
     """The signs (S + 1, 3) of a wall at each step along the row, from its roof points (N, 3): the share
     of its depth that steps, the mean folds (slopes) of valleys and of ridges."""
     s, t = row.coordinates(points[:, :2])
-    used = row.last > row.first
-    low = float(row.first[used].min()) - DEPTH_STEP_M
+    filled = row.last > row.first
+    low = float(row.first[filled].min()) - DEPTH_STEP_M
     depths = int((row.last.max() - low) / DEPTH_STEP_M) + 2
     line = low + np.arange(depths) * DEPTH_STEP_M
     moments = moments_kernel(s, t - low, points[:, 2], depths, len(row.first))
@@ -104,7 +104,7 @@ def moments_kernel(
     A point counts for the four nearest nodes by its nearness to each, so that it passes from one to the next
     as it moves; a line then takes half of those beside it. t counts from the first line.
     """
-    own = np.zeros((depths, steps + 1, 10))
+    cells = np.zeros((depths, steps + 1, 10))
     for k in range(len(s)):
         place, depth = s[k] / CELL_M - 0.5, t[k] / DEPTH_STEP_M
         left, under = int(np.floor(place)), int(np.floor(depth))
@@ -113,7 +113,7 @@ def moments_kernel(
                 if i < 0 or i >= depths or j < 0 or j >= steps:
                     continue
                 weight = (1.0 - abs(depth - i)) * (1.0 - abs(place - j))
-                node = own[i, j + 1]
+                node = cells[i, j + 1]
                 node[0] += weight
                 node[1] += weight * s[k]
                 node[2] += weight * t[k]
@@ -125,10 +125,10 @@ def moments_kernel(
                 node[8] += weight * t[k] * z[k]
                 node[9] += weight * z[k] * z[k]
     for j in range(steps):
-        own[:, j + 1] += own[:, j]
-    sums = own.copy()
-    sums[1:] += 0.5 * own[:-1]
-    sums[:-1] += 0.5 * own[1:]
+        cells[:, j + 1] += cells[:, j]
+    sums = cells.copy()
+    sums[1:] += 0.5 * cells[:-1]
+    sums[:-1] += 0.5 * cells[1:]
     return sums
 
 
@@ -142,9 +142,9 @@ def side_kernel(
     Three windows, at most `room` steps wide, and the same farther away: each takes of what those before it
     left as much as its points lie on a plane.
     """
-    left, count, height, slope = 1.0, 0.0, 0.0, 0.0
-    for tried in range(6):
-        width, gap = room >> (tried % 3), 1 if tried < 3 else WIDE
+    remainder, count, height, slope = 1.0, 0.0, 0.0, 0.0
+    for attempt in range(6):
+        width, gap = room >> (attempt % 3), 1 if attempt < 3 else WIDE
         low, high = (at - gap - width, at - gap) if way < 0 else (at + gap, at + gap + width)
         low, high = max(low, 0), min(high, len(sums) - 1)
         if low >= high:
@@ -158,15 +158,15 @@ def side_kernel(
         ss, st, tt = q[3] / n - s * s, q[4] / n - s * t, q[5] / n - t * t
         sz, tz, zz = q[7] / n - s * z, q[8] / n - t * z, q[9] / n - z * z
         ss, tt = ss + LEAST_SPREAD, tt + LEAST_SPREAD
-        whole = ss * tt - st * st
-        east, north = (sz * tt - tz * st) / whole, (tz * ss - sz * st) / whole
+        determinant = ss * tt - st * st
+        east, north = (sz * tt - tz * st) / determinant, (tz * ss - sz * st) / determinant
         off = max(zz - east * sz - north * tz, 0.0) / (noise * noise)
-        weight = left * enough / (1.0 + off**4)
-        left -= weight
+        weight = remainder * enough / (1.0 + off**4)
+        remainder -= weight
         count += weight * n
         height += weight * (z + east * (s0 - s) + north * (t0 - t))
         slope += weight * east
-    flat = 1.0 - left
+    flat = 1.0 - remainder
     if flat < 1e-6:
         return 0.0, 0.0, 0.0, 0.0
     return flat, count / flat, height / flat, slope / flat
@@ -182,7 +182,7 @@ def signs_kernel(
     straight = 2.0 * noise + 0.03
     for j in range(1, steps):
         place = j * CELL_M
-        both = 0.0
+        total = 0.0
         for i in range(depths):
             here = min(ground[i, j - 1], ground[i, j])
             if here == 0.0:
@@ -193,7 +193,7 @@ def signs_kernel(
             weight = here * good * fine
             if weight < 1e-6:
                 continue
-            both += weight
+            total += weight
             jump = abs(after - before)
             fold = min(max(fall - rise, -1.5), 1.5)
             crossing = (CROSSING_M * abs(fold)) ** 4
@@ -205,5 +205,5 @@ def signs_kernel(
                 signs[j, 1] += weight * fold
             else:
                 signs[j, 2] -= weight * fold
-        signs[j] /= both + 0.5
+        signs[j] /= total + 0.5
     return signs

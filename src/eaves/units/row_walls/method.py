@@ -103,23 +103,23 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
     ) -> Division:
         """The division; see the class."""
-        whole = Division((outline,), (1.0,))
+        undivided = Division((outline,), (1.0,))
         plan = Plan.of(outline, points)
         rows = list(rows_of(plan, directions_of(outline, self.shortest_front), self))
         if not rows:
-            return whole
+            return undivided
         noise = roof_noise(points)
         odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
-        found = [self.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
+        units = [self.walls_of(row, row_odds) for row, row_odds in zip(rows, odds, strict=True)]
         emit("rows", rows)
-        if odds_of_several(found, odds, len(points), outline.area) < SURE:  # a house of wings stays one
-            return whole
+        if odds_of_several(units, odds, len(points), outline.area) < SURE:  # a house of wings stays one
+            return undivided
         label = np.zeros(plan.main.shape, np.int32)
-        label_unit_cells(plan, label, found, 1)
-        label, walls = merged_units(plan, label, found, points, noise, self)
+        label_unit_cells(plan, label, units, 1)
+        label, walls = merged_units(plan, label, units, points, noise, self)
         if label.max() < 2:
-            return whole
-        parts, number = divide_outline(outline, plan, label, found, self.carried_on)
+            return undivided
+        parts, number = divide_outline(outline, plan, label, units, self.carried_on)
         place = {unit: k for k, unit in enumerate(number)}
         return Division.of(
             parts,
@@ -170,7 +170,7 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
     step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings])
     length = np.hypot(step[:, 0], step[:, 1])
     angle = np.arctan2(step[:, 1], step[:, 0])
-    found: list[float] = []
+    directions: list[float] = []
     same = np.radians(SAME_DEG)
     while len(length):
         apart = np.mod(angle[:, None] - angle[None, :] + np.pi / 2, np.pi) - np.pi / 2
@@ -179,9 +179,9 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
         if weight[best] < shortest:
             break
         along_it = np.abs(apart[best]) < same
-        found.append(float(angle[best] - np.average(apart[best][along_it], weights=length[along_it])))
+        directions.append(float(angle[best] - np.average(apart[best][along_it], weights=length[along_it])))
         length, angle = length[~along_it], angle[~along_it]
-    return np.column_stack([np.cos(found), np.sin(found)])
+    return np.column_stack([np.cos(directions), np.sin(directions)])
 
 
 WEIGHTS = {"one": -5.16, "units": 4.01, "density": 0.38, "depth": -5.96, "second": 0.52}
@@ -218,8 +218,8 @@ def traits_of_block(
     (points/m²) and of how much deeper the row of most units is, the log-odds of the second wall.
     """
     strength = sorted(
-        float(own[max(wall - NEAR, 0) : wall + NEAR + 1].max())
-        for units, own in zip(rows, odds, strict=True)
+        float(row_odds[max(wall - NEAR, 0) : wall + NEAR + 1].max())
+        for units, row_odds in zip(rows, odds, strict=True)
         for wall in units.walls.tolist()
     )
     longest = max(rows, key=lambda units: len(units.walls)).row
@@ -261,18 +261,20 @@ def likely_walls(chance: Values, least: float) -> tuple[NDArray[np.int64], Value
 
     A wall stands at the mean of the places that divisions give it.
     """
-    left, found = chance.copy(), []
+    remainder, walls = chance.copy(), []
     steps = np.arange(len(chance))
-    while len(left) > 2 * NEAR:
-        near = np.convolve(left, np.ones(2 * NEAR + 1), "same")
-        middle = int(np.argmax(near))
-        if near[middle] < least:
+    while len(remainder) > 2 * NEAR:
+        sums = np.convolve(remainder, np.ones(2 * NEAR + 1), "same")
+        middle = int(np.argmax(sums))
+        if sums[middle] < least:
             break
-        own = np.abs(steps - middle) <= NEAR
-        found.append((round(float(steps[own] @ left[own] / near[middle])), min(float(near[middle]), 1.0)))
-        left[np.abs(steps - middle) <= 2 * NEAR] = 0.0
-    found.sort()
-    return np.array([wall for wall, _ in found], np.int64), np.array([sure for _, sure in found])
+        around = np.abs(steps - middle) <= NEAR
+        walls.append(
+            (round(float(steps[around] @ remainder[around] / sums[middle])), min(float(sums[middle]), 1.0))
+        )
+        remainder[np.abs(steps - middle) <= 2 * NEAR] = 0.0
+    walls.sort()
+    return np.array([wall for wall, _ in walls], np.int64), np.array([sure for _, sure in walls])
 
 
 @kernel
@@ -290,6 +292,6 @@ def sums_kernel(odds: Values, width_odds: Values) -> tuple[Values, Values]:
             forward[row, end] *= odds[end] if end < count - 1 else 1.0
         for start in range(count - 2, -1, -1):
             for end in range(start + 1, count):
-                own = odds[end] if end < count - 1 else 1.0
-                backward[row, start] += width_odds[row, end - start] * own * backward[row, end]
+                factor = odds[end] if end < count - 1 else 1.0
+                backward[row, start] += width_odds[row, end - start] * factor * backward[row, end]
     return forward, backward

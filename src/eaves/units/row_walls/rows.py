@@ -147,14 +147,14 @@ class HouseRow:
     def grid(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Row coordinates s, t (T, S) of a grid of cells over the row."""
         s = (np.arange(len(self.first)) + 0.5) * CELL_M
-        used = self.last > self.first
-        return np.meshgrid(s, np.arange(self.first[used].min(), self.last.max(), CELL_M) + 0.5 * CELL_M)
+        filled = self.last > self.first
+        return np.meshgrid(s, np.arange(self.first[filled].min(), self.last.max(), CELL_M) + 0.5 * CELL_M)
 
     def ground(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x, y (M,) of the middles of the row's cells."""
         s, t = self.grid()
-        own = (t >= self.first) & (t < self.last)
-        return self.place(s[own], t[own])
+        inside = (t >= self.first) & (t < self.last)
+        return self.place(s[inside], t[inside])
 
     def place(
         self, s: NDArray[np.float64], t: NDArray[np.float64]
@@ -167,20 +167,20 @@ class HouseRow:
         """Row coordinates s, t (N,) of places (N, 2)."""
         turn = np.linalg.inv(np.column_stack([self.along, self.across]))
         x, y = xy[:, 0] - self.origin[0], xy[:, 1] - self.origin[1]
-        s, t = (x * one + y * other for one, other in turn)
+        s, t = (x * a + y * b for a, b in turn)
         return s, t
 
     def rim(self) -> NDArray[np.float64]:
         """Places (M, 2) around the row's ground, from step to step."""
-        used = np.flatnonzero(self.last > self.first)
-        s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
-        s[[0, -1]], s[[len(used) - 1, len(used)]] = 0.0, self.length
-        return np.column_stack(self.place(s, np.concatenate([self.first[used], self.last[used][::-1]])))
+        filled = np.flatnonzero(self.last > self.first)
+        s = CELL_M * np.concatenate([filled + 0.5, filled[::-1] + 0.5])
+        s[[0, -1]], s[[len(filled) - 1, len(filled)]] = 0.0, self.length
+        return np.column_stack(self.place(s, np.concatenate([self.first[filled], self.last[filled][::-1]])))
 
     def frame(self) -> LineString:
         """The parallelogram around the row's ground."""
-        near, far = float(self.first.min()), float(self.last.max())
-        s, t = np.array([0.0, self.length, self.length, 0.0, 0.0]), np.array([near, near, far, far, near])
+        low, far = float(self.first.min()), float(self.last.max())
+        s, t = np.array([0.0, self.length, self.length, 0.0, 0.0]), np.array([low, low, far, far, low])
         return LineString(np.column_stack(self.place(s, t)))
 
 
@@ -190,8 +190,8 @@ def fronts_of(
     """Start and end (2,) of the straight fronts of an outline along directions (K, 2), the interior on their
     left: edges along one direction that follow each other on a ring with no more than a jog between them.
     """
-    whole = shapely.orient_polygons(outline)
-    for ring in (whole.exterior, *whole.interiors):
+    oriented = shapely.orient_polygons(outline)
+    for ring in (oriented.exterior, *oriented.interiors):
         xy = np.asarray(ring.coords)[:-1, :2]
         step = np.roll(xy, -1, axis=0) - xy
         cosine = step @ directions.T / np.maximum(np.hypot(step[:, 0], step[:, 1]), CELL_M)[:, None]
@@ -258,12 +258,12 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
 
 def square_share(plan: Plan, row: HouseRow, limits: RowRules) -> float:
     """Share of the outline around a row's ground that runs along its front or its walls."""
-    used = np.flatnonzero(row.last > row.first)
-    s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
-    rim = np.column_stack(row.place(s, np.concatenate([row.first[used], row.last[used][::-1]])))
+    filled = np.flatnonzero(row.last > row.first)
+    s = CELL_M * np.concatenate([filled + 0.5, filled[::-1] + 0.5])
+    rim = np.column_stack(row.place(s, np.concatenate([row.first[filled], row.last[filled][::-1]])))
     around = shapely.buffer(Polygon(rim), 0.5 * limits.jog)
-    near = shapely.get_parts(shapely.intersection(plan.outline.boundary, around))
-    step = np.vstack([np.zeros((1, 2)), *(np.diff(shapely.get_coordinates(line), axis=0) for line in near)])
+    pieces = shapely.get_parts(shapely.intersection(plan.outline.boundary, around))
+    step = np.vstack([np.zeros((1, 2)), *(np.diff(shapely.get_coordinates(line), axis=0) for line in pieces)])
     length = np.hypot(step[:, 0], step[:, 1])
     along = np.abs(step @ np.column_stack([row.along, row.across])).max(axis=1)
     square = along >= np.cos(np.radians(limits.most_turn)) * length
@@ -276,8 +276,8 @@ def leaning(
     """The directions (K, 2) that stand within `most_lean` (degrees) of upright, pointing the same way."""
     turned = directions * np.sign(directions @ upright)[:, None]
     cosine = turned @ upright
-    near = (cosine > np.cos(np.radians(most_lean))) & (cosine < np.cos(np.radians(SAME_DEG)))
-    return list(turned[near])
+    inclined = (cosine > np.cos(np.radians(most_lean))) & (cosine < np.cos(np.radians(SAME_DEG)))
+    return list(turned[inclined])
 
 
 def coherence(plan: Plan, row: HouseRow) -> float:
@@ -288,9 +288,9 @@ def coherence(plan: Plan, row: HouseRow) -> float:
     height = plan.height[plan.cells(*row.place(s, t))]
     height[(t < row.first) | (t >= row.last)] = np.nan
     change = height[:, 4:] - height[:, :-4]
-    known = np.isfinite(change)
-    count = known.sum(axis=0)
-    mean = np.where(known, change, 0.0).sum(axis=0) / np.maximum(count, 1)
+    finite = np.isfinite(change)
+    count = finite.sum(axis=0)
+    mean = np.where(finite, change, 0.0).sum(axis=0) / np.maximum(count, 1)
     return float((mean**2)[count > 4].sum() / max(int((count > 4).sum()), 1))
 
 
@@ -310,27 +310,33 @@ def ground_behind(
     along = (end - start) / length
     steps = int(length / CELL_M)
     origin = start + 0.5 * (length - steps * CELL_M) * along
-    whole = chords_of(outline, origin, along, across, steps, limits.jog)
-    first = np.unique(whole.step, return_index=True)[1]
-    first = first[whole.first[first] < limits.jog + 0.5]
+    chords = chords_of(outline, origin, along, across, steps, limits.jog)
+    first = np.unique(chords.step, return_index=True)[1]
+    first = first[chords.first[first] < limits.jog + 0.5]
     if len(first) == 0:
         return None
     begin, last = np.zeros(steps), np.zeros(steps)
-    begin[whole.step[first]], last[whole.step[first]] = whole.first[first], whole.last[first]
+    begin[chords.step[first]], last[chords.step[first]] = chords.first[first], chords.last[first]
     usual = float(np.median((last - begin)[last > begin]))
     last = np.where(last - begin > limits.most_deeper * usual, begin + usual, last)
-    left = chords_of(free, origin, along, across, steps, limits.jog)
-    low, high = np.maximum(left.first, begin[left.step]), np.minimum(left.last, last[left.step])
-    mine = np.zeros((2, steps))  # of what others left the longest piece
+    free_chords = chords_of(free, origin, along, across, steps, limits.jog)
+    low, high = (
+        np.maximum(free_chords.first, begin[free_chords.step]),
+        np.minimum(free_chords.last, last[free_chords.step]),
+    )
+    longest = np.zeros((2, steps))  # of what others left the longest piece
     order = np.argsort(high - low, kind="stable")
-    mine[:, left.step[order]] = low[order], high[order]
-    there = (last > begin) & (mine[1] - mine[0] >= 0.5 * (last - begin))
-    begin, last = np.where(there, mine, 0.0)
-    if there.sum() * CELL_M < limits.shortest_front or np.median((last - begin)[there]) < limits.narrowest:
+    longest[:, free_chords.step[order]] = low[order], high[order]
+    claimed = (last > begin) & (longest[1] - longest[0] >= 0.5 * (last - begin))
+    begin, last = np.where(claimed, longest, 0.0)
+    if (
+        claimed.sum() * CELL_M < limits.shortest_front
+        or np.median((last - begin)[claimed]) < limits.narrowest
+    ):
         return None
-    used = np.flatnonzero(there)
-    keep = slice(used[0], used[-1] + 1)
-    return HouseRow(origin + used[0] * CELL_M * along, along, across, begin[keep], last[keep])
+    filled = np.flatnonzero(claimed)
+    keep = slice(filled[0], filled[-1] + 1)
+    return HouseRow(origin + filled[0] * CELL_M * along, along, across, begin[keep], last[keep])
 
 
 class Chords(NamedTuple):
@@ -366,5 +372,5 @@ def chords_of(
         t = t0[edge] + (step - place0[edge]) / (place1 - place0)[edge] * (t1 - t0)[edge]
     order = np.lexsort([t, step])
     first, last = np.maximum(t[order[::2]], -jog - 0.5), np.minimum(t[order[1::2]], 2.0 * HOUSE_M)
-    there = last > first
-    return Chords(step[order[::2]][there], first[there], last[there])
+    positive = last > first
+    return Chords(step[order[::2]][positive], first[positive], last[positive])
