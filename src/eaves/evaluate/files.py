@@ -90,8 +90,8 @@ def evaluate_files(
         raise ValueError(f"{option} is for models only, not for {what}; leave it out")
     if what not in COMPARISONS:
         raise ValueError(f"'{what}' cannot be evaluated; choose one of: {', '.join(COMPARISONS)}")
-    found = COMPARISONS[what](Path(result), Path(reference), **options)
-    evaluation = Evaluation(what, str(result), str(reference), **found)
+    comparison = COMPARISONS[what](Path(result), Path(reference), **options)
+    evaluation = Evaluation(what, str(result), str(reference), **comparison)
     if report is not None:
         write_report(evaluation, report)
     return evaluation
@@ -120,8 +120,8 @@ def compare_detection(result: Path, reference: Path) -> dict[str, Any]:
     judged = open_buildings(result, true.system)
     grid = common_grid(judged, true)
     labels, _ = judged.label_image(grid)
-    truth, known = true.label_image(grid)
-    score = evaluate_detection(labels, truth, grid.cell, known)
+    truth, certain = true.label_image(grid)
+    score = evaluate_detection(labels, truth, grid.cell, certain)
     figures = {
         **_figures("area", score.area),
         **_figures("objects", score.objects),
@@ -304,9 +304,9 @@ def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Numb
     A point the result lacks has no plane there.
     """
     (xyz, planes), (places, true) = result, reference
-    found, partner = match_points(xyz, places)
+    matched, partner = match_points(xyz, places)
     plane = np.zeros(len(places), np.int64)
-    plane[found] = planes[partner]
+    plane[matched] = planes[partner]
     return plane, true, measure_spacing(places[true > 0] - places[:1]) ** 2
 
 
@@ -317,5 +317,5 @@ def match_points(result: Points, reference: Points) -> tuple[Mask, Numbers]:
         return np.zeros(len(reference), bool), np.zeros(0, np.int64)
     origin = reference.min(axis=0)
     away, which = cKDTree(result - origin).query(reference - origin, distance_upper_bound=SAME_POINT)
-    found = np.isfinite(away)
-    return found, np.asarray(which)[found]
+    matched = np.isfinite(away)
+    return matched, np.asarray(which)[matched]

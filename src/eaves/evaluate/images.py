@@ -148,11 +148,11 @@ def _from_raster(raster: Raster, grid: Raster) -> tuple[Numbers, Mask]:
     inside = (row >= 0) & (row < raster.shape[0]) & (column >= 0) & (column < raster.shape[1])
     values = np.full(len(row), np.nan, np.float32)
     values[inside] = raster.values[row[inside], column[inside]]
-    known = np.isfinite(values).reshape(grid.shape)
+    covered = np.isfinite(values).reshape(grid.shape)
     labels = np.nan_to_num(values).astype(np.int64).reshape(grid.shape)
     if len(np.unique(labels[labels > 0])) < 2:
         labels = label_objects(labels > 0)
-    return labels, known
+    return labels, covered
 
 
 def _from_cloud(cloud: PointCloud, grid: Raster) -> tuple[Numbers, Mask]:
@@ -160,8 +160,8 @@ def _from_cloud(cloud: PointCloud, grid: Raster) -> tuple[Numbers, Mask]:
     use = cloud.take(~cloud.noise)
     top = highest_points(use.xyz, grid.bounds.translated(-cloud.origin[0], -cloud.origin[1]), grid.cell)
     assert use.classification is not None
-    known = np.asarray(top >= 0)
+    covered = np.asarray(top >= 0)
     if len(use) == 0:
-        return np.zeros(grid.shape, np.int64), known
-    building: NDArray[np.bool_] = known & (use.classification[np.maximum(top, 0)] == BUILDING)
-    return label_objects(building), known
+        return np.zeros(grid.shape, np.int64), covered
+    building: NDArray[np.bool_] = covered & (use.classification[np.maximum(top, 0)] == BUILDING)
+    return label_objects(building), covered

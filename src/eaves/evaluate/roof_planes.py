@@ -105,9 +105,9 @@ def evaluate_planes(
     if result_height is not None and reference_height is not None:
         together = _labels_together(matching)
         keys = result.astype(np.int64) * (int(reference.max(initial=0)) + 1) + reference
-        wanted = together[:, 0] * (int(reference.max(initial=0)) + 1) + together[:, 1]
-        both = np.isin(keys, wanted) & (result > 0) & (reference > 0)
-        difference = (result_height - reference_height)[both]
+        matched_keys = together[:, 0] * (int(reference.max(initial=0)) + 1) + together[:, 1]
+        matched = np.isin(keys, matched_keys) & (result > 0) & (reference > 0)
+        difference = (result_height - reference_height)[matched]
         rms_z = root_mean_square(difference[np.isfinite(difference)])
     return PlaneScore(
         matching.agreement(),
@@ -137,11 +137,12 @@ def _rms_in_plan(matching: Matching, result: Numbers, reference: Numbers, cell: 
     true = _group_image(reference, matching.reference.label, matching.groups[1])
     distances = [np.zeros(0)]
     boxes = zip(ndimage.find_objects(judged), ndimage.find_objects(true), strict=False)
-    for group, (one, two) in enumerate(boxes, 1):
-        if one is None or two is None:
+    for group, (judged_window, true_window) in enumerate(boxes, 1):
+        if judged_window is None or true_window is None:
             continue
         window = tuple(
-            slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, two, strict=True)
+            slice(min(a.start, b.start), max(a.stop, b.stop))
+            for a, b in zip(judged_window, true_window, strict=True)
         )
         rims = rim_of(judged[window] == group, cell), rim_of(true[window] == group, cell)
         distances.append(rim_distances(*rims, cell))

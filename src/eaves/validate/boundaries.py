@@ -131,8 +131,8 @@ def _merge_near(places: Integers, tolerance_steps: float) -> Integers:
     local = (places - places.min(axis=0)).astype(np.float64)
     local[:, 0] *= 2.0 * tolerance_steps  # shells are apart, and stay so
     pairs = cKDTree(local).query_pairs(tolerance_steps * (1 + 1e-9), output_type="ndarray")
-    one, two = np.ascontiguousarray(pairs.T, np.int64)
-    group = connected_groups_kernel(one, two, len(places))
+    node, partner = np.ascontiguousarray(pairs.T, np.int64)
+    group = connected_groups_kernel(node, partner, len(places))
     first = np.full(group.max() + 1, len(places))
     np.minimum.at(first, group, np.arange(len(places)))
     return np.asarray(first[group])

@@ -149,21 +149,21 @@ def _documents(path: Path, findings: list[Finding]) -> Iterator[Any]:
     """The JSON values of a file: one over all its lines, or one a line; repeated keys go to the findings."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        whole = dict(pairs)
-        if len(whole) < len(pairs):
-            seen: set[str] = set()
-            again = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        document = dict(pairs)
+        if len(document) < len(pairs):
+            keys: set[str] = set()
+            again = next(key for key, _ in pairs if key in keys or keys.add(key))  # type: ignore[func-returns-value]
             findings.append(make_finding(914, "", "file", f"an object has two members {again!r}"))
-        return whole
+        return document
 
     decoder = json.JSONDecoder(object_pairs_hook=unique)
     with path.open(encoding="utf-8-sig") as file:
         first = file.readline()
-        known = len(findings)
+        count = len(findings)
         try:
             yield decoder.decode(first)
         except json.JSONDecodeError:
-            del findings[known:]  # of the piece that was read
+            del findings[count:]  # of the piece that was read
             yield decoder.decode(first + file.read())
         for line in file:
             if line.strip():
@@ -193,8 +193,8 @@ def _grid(head: dict[str, Any], unit_m: NDArray[np.float64]) -> Grid:
         raise ValueError("the scale of its transform is not positive")
     scale, translate = scale * unit_m, translate * unit_m
     step = max(float(scale.min()), FINEST_STEP)
-    whole = np.allclose(scale / step, np.rint(scale / step), rtol=0, atol=1e-9)
-    return Grid(scale, translate, step if whole else FINEST_STEP)
+    multiples = np.allclose(scale / step, np.rint(scale / step), rtol=0, atol=1e-9)
+    return Grid(scale, translate, step if multiples else FINEST_STEP)
 
 
 PLAIN = Grid(np.ones(3), np.zeros(3))
@@ -217,13 +217,13 @@ def _check_batch(documents: Iterable[Any], grid: Grid, tolerances: Tolerances | 
             findings.append(make_finding(901, str(document.get("id", "")), "vertices", str(error)))
             continue
         for name, item in document["CityObjects"].items():
-            for found in _object_primitives(
+            for entry in _object_primitives(
                 name, item, len(places), count, family_of(name, document["CityObjects"])
             ):
-                if isinstance(found, Finding):
-                    findings.append(found)
+                if isinstance(entry, Finding):
+                    findings.append(entry)
                 else:
-                    primitives.append(found)
+                    primitives.append(entry)
         vertices.append(places)
         count += len(places)
     if not primitives:
@@ -243,9 +243,9 @@ def _check_templates(head: dict[str, Any], tolerances: Tolerances | None) -> lis
     except ValueError as error:
         return [make_finding(901, "", "geometry-templates", str(error))]
     item = {"geometry": templates.get("templates", [])}
-    found = list(_object_primitives("geometry-templates", item, len(places), 0))
-    findings = [one for one in found if isinstance(one, Finding)]
-    primitives = [one for one in found if isinstance(one, ReadPrimitive)]
+    entries = list(_object_primitives("geometry-templates", item, len(places), 0))
+    findings = [entry for entry in entries if isinstance(entry, Finding)]
+    primitives = [entry for entry in entries if isinstance(entry, ReadPrimitive)]
     alone = [ReadPrimitive(p.building, f"{k}", p.lod, p.type, p.solids) for k, p in enumerate(primitives)]
     return findings + check_primitives(alone, places, PLAIN.step, tolerances)
 
