@@ -80,18 +80,18 @@ def parts_of(
     building: BuildingPoints, footprint: Footprint, addresses: Sequence[Footprint]
 ) -> list[Footprint]:
     """The parts of one block, those with an address first; none where no address lies in it."""
-    near = [address for address in addresses if address.polygon.intersects(footprint.polygon)]
+    touching = [address for address in addresses if address.polygon.intersects(footprint.polygon)]
     try:
-        found, rest = split_block(footprint.polygon, near)
+        shares, unclaimed = split_block(footprint.polygon, touching)
     except GEOSException as error:
         log.warning("a block could not be split into its addresses and stays one building: %s", error)
         return []
     parts = []
-    for address, part in zip(near, found, strict=True):
+    for address, part in zip(touching, shares, strict=True):
         if part is not None:
             here = part.polygon.contains(address.polygon.representative_point())
             parts.append(part.with_(id=part.id if here else "", score=building.score))
-    return [*parts, *(Footprint(polygon, origin=footprint.origin) for polygon in rest)] if parts else []
+    return [*parts, *(Footprint(polygon, origin=footprint.origin) for polygon in unclaimed)] if parts else []
 
 
 def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[np.int64]:
@@ -100,17 +100,17 @@ def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[
     owner = np.full(len(xy), -1)
     for number, part in enumerate(parts):
         west, south, east, north = part.bounds
-        near = (
+        boxed = (
             (owner < 0) & (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
         )
-        some = np.flatnonzero(near)
+        candidates = np.flatnonzero(boxed)
         shapely.prepare(part)
-        owner[some[shapely.contains_xy(part, xy[some])]] = number
-    left = np.flatnonzero(owner < 0)
-    point, part_of = shapely.STRtree(parts).query_nearest(shapely.points(xy[left]), all_matches=True)
-    nearest = np.full(len(left), len(parts))
+        owner[candidates[shapely.contains_xy(part, xy[candidates])]] = number
+    outside = np.flatnonzero(owner < 0)
+    point, part_of = shapely.STRtree(parts).query_nearest(shapely.points(xy[outside]), all_matches=True)
+    nearest = np.full(len(outside), len(parts))
     np.minimum.at(nearest, point, part_of)
-    owner[left] = nearest
+    owner[outside] = nearest
     return owner
 
 
@@ -134,13 +134,13 @@ def split_block(
     fill the block, without gap or overlap, and neighbours share their edges.
     """
     shared = shapely.intersection(block, [address.polygon for address in addresses])
-    mostly = shapely.area(shared) > 0.5 * shapely.area([address.polygon for address in addresses])
-    reach = np.where(mostly, NARROW_M, HELD_M)
-    held = np.flatnonzero(~shapely.is_empty(shapely.buffer(shared, -reach)))
-    answers: list[Footprint | None] = [None] * len(addresses)
-    if len(held) == 0:
-        return answers, [block]
-    polygons = [addresses[int(number)].polygon for number in held]
+    half_inside = shapely.area(shared) > 0.5 * shapely.area([address.polygon for address in addresses])
+    reach = np.where(half_inside, NARROW_M, HELD_M)
+    members = np.flatnonzero(~shapely.is_empty(shapely.buffer(shared, -reach)))
+    shares: list[Footprint | None] = [None] * len(addresses)
+    if len(members) == 0:
+        return shares, [block]
+    polygons = [addresses[int(number)].polygon for number in members]
     walls = carried_on_walls(polygons)
     polygons += wide_parts(shapely.difference(block, shapely.union_all(polygons), grid_size=COORDINATE_STEP))
     cuts = [block.boundary, *(polygon.boundary for polygon in polygons), *walls]
@@ -152,18 +152,18 @@ def split_block(
         if block.covers(piece.representative_point())
     ]
     parts = joined_pieces(pieces, owners_of(pieces, polygons), len(polygons))
-    there = [number for number, part in enumerate(parts) if part is not None]
-    rest = []
+    numbers = [number for number, part in enumerate(parts) if part is not None]
+    unclaimed = []
     for number, part in zip(
-        there, welded_outlines([part for part in parts if part is not None]), strict=True
+        numbers, welded_outlines([part for part in parts if part is not None]), strict=True
     ):
         plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
-        whole = shapely.orient_polygons(plain if plain.is_valid else part)
-        if number < len(held):
-            answers[int(held[number])] = addresses[int(held[number])].with_(polygon=whole)
+        outline = shapely.orient_polygons(plain if plain.is_valid else part)
+        if number < len(members):
+            shares[int(members[number])] = addresses[int(members[number])].with_(polygon=outline)
         else:
-            rest.append(whole)
-    return answers, rest
+            unclaimed.append(outline)
+    return shares, unclaimed
 
 
 def wide_parts(area: BaseGeometry) -> list[Polygon]:
@@ -177,8 +177,8 @@ def carried_on_walls(polygons: Sequence[Polygon]) -> list[LineString]:
     """The common borders of the polygons, each straight run carried on past both ends."""
     walls = []
     tree = shapely.STRtree(polygons)
-    one, other = tree.query(polygons, predicate="dwithin", distance=COORDINATE_STEP)
-    for a, b in zip(one[one < other], other[one < other], strict=True):
+    first, second = tree.query(polygons, predicate="dwithin", distance=COORDINATE_STEP)
+    for a, b in zip(first[first < second], second[first < second], strict=True):
         common = shapely.line_merge(polygons[a].boundary.intersection(polygons[b].boundary))
         for line in shapely.get_parts(common):
             if line.geom_type != "LineString" or line.length < COORDINATE_STEP:

@@ -43,25 +43,25 @@ def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: fl
     moved = base = nodes
     for together in (True, False):
         shift, normal, length = edge_shifts(moved, first, second, points, spacing)
-        known = np.isfinite(shift)
-        if not known.any():
+        finite = np.isfinite(shift)
+        if not finite.any():
             break
         if together:
-            moved = base = moved + common_shift(shift[known], normal[known], length[known])
+            moved = base = moved + common_shift(shift[finite], normal[finite], length[finite])
         else:
             moved = moved + vertex_moves(len(nodes), first, second, shift, normal, length)
     base, moved = (np.round(xy / COORDINATE_STEP) * COORDINATE_STEP for xy in (base, moved))
     while True:
         polygons = [
-            polygon_of([moved[ring] for ring, one in zip(rings, owner, strict=True) if one == number])
+            polygon_of([moved[ring] for ring, holder in zip(rings, owner, strict=True) if holder == number])
             for number in range(len(footprints))
         ]
         spoilt = {
             number
-            for number, (polygon, given) in enumerate(zip(polygons, footprints, strict=True))
-            if not polygon.is_valid or polygon.area < 0.5 * given.polygon.area
+            for number, (polygon, source) in enumerate(zip(polygons, footprints, strict=True))
+            if not polygon.is_valid or polygon.area < 0.5 * source.polygon.area
         }
-        nodes_of = [ring for ring, one in zip(rings, owner, strict=True) if one in spoilt]
+        nodes_of = [ring for ring, holder in zip(rings, owner, strict=True) if holder in spoilt]
         back = np.unique(np.concatenate([*nodes_of, np.zeros(0, np.int64)]))
         if (moved[back] == base[back]).all():
             break
@@ -145,8 +145,8 @@ def vertex_moves(
     length: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Displacement (count, 2) of each vertex that moves its edges by `shift` (E,) along their normals."""
-    known = np.isfinite(shift)
-    step = np.where(known, shift, 0.0)
+    finite = np.isfinite(shift)
+    step = np.where(finite, shift, 0.0)
     matrix = np.tile(STIFFNESS * np.eye(2), (count, 1, 1))
     right = np.zeros((count, 2))
     weight = np.minimum(length / 3.0, 1.0)

@@ -78,9 +78,9 @@ def best_in_the_open(hours: Hours, rules: SolarRules) -> float:
 def light_in_the_open(hours: Hours, normal: Values, rules: SolarRules) -> Values:
     """kWh/m² (12,) by month on a plane of a normal (3,; east, true north, up) with nothing in the way."""
     beam, sky, back = light_on_plane(hours, normal, rules.albedo)
-    seen = 0.5 * (1.0 + normal[2])
-    whole = beam + sky * seen + back * (1.0 - seen)
-    return np.bincount(hours.month, whole, MONTHS) / 1000.0
+    sky_share = 0.5 * (1.0 + normal[2])
+    total = beam + sky * sky_share + back * (1.0 - sky_share)
+    return np.bincount(hours.month, total, MONTHS) / 1000.0
 
 
 def light_on_faces(
@@ -90,7 +90,7 @@ def light_on_faces(
     convergence: float,
     rules: SolarRules,
     best: float,
-    wanted: Sequence[int],
+    numbers: Sequence[int],
 ) -> list[FaceLight]:
     """The light on each of the wanted faces; all faces stand in the way.
 
@@ -116,11 +116,11 @@ def light_on_faces(
     planes, areas = np.where(np.isnan(table.planes), upright, table.planes), table.areas
     face_at = number_cells(faces, planes, dsm)
     slices = ndimage.find_objects(face_at, len(faces))
-    answers = []
-    for number in wanted:
+    lights = []
+    for number in numbers:
         face, plane, area = faces[number], planes[number], float(areas[number])
         cells = face_cells(face, face_at, slices[number], number + 1, dsm)
-        answers.append(
+        lights.append(
             light_on_face(
                 number + 1,
                 face,
@@ -135,7 +135,7 @@ def light_on_faces(
                 best,
             )
         )
-    return answers
+    return lights
 
 
 def number_cells(faces: Sequence[Polygon], planes: Values, dsm: Raster) -> NDArray[np.int32]:
@@ -209,10 +209,10 @@ def light_on_face(
         ]
     )
     beam, sky, back = light_on_plane(hours, normal, rules.albedo)
-    seen = sky_shares(horizon, grid_normal)
+    sky_share = sky_shares(horizon, grid_normal)
     lit = lit_light(horizon, hours.azimuth - convergence, hours.elevation, beam, hours.month)
     from_sky, from_ground = (np.bincount(hours.month, part, MONTHS) for part in (sky, back))
-    light = (lit + np.outer(seen, from_sky) + 0.5 * (1.0 - normal[2]) * from_ground) / 1000.0
+    light = (lit + np.outer(sky_share, from_sky) + 0.5 * (1.0 - normal[2]) * from_ground) / 1000.0
     surface = dsm.values[row, column]
     over = surface > xyz[:, 2] + rules.clearance + 0.5 * dsm.cell * (abs(a) + abs(b))
     good = ~over & np.isfinite(surface) & (light.sum(axis=1) >= rules.suitable * best)
@@ -222,7 +222,7 @@ def light_on_face(
     return FaceLight(
         month=np.asarray(light.mean(axis=0)),
         open_month=light_in_the_open(hours, normal, rules),
-        sky=float(seen.mean()),
+        sky=float(sky_share.mean()),
         usable_m2=area * float(usable.mean()),
         usable=float(light[usable].sum(axis=1).mean()) if usable.any() else 0.0,
         covered=float(over.mean()),
@@ -255,7 +255,7 @@ def horizons(
     dsm: Raster,
     face_at: NDArray[np.int32],
     xyz: Values,
-    own: int,
+    own_face: int,
     plane: Values,
     directions: int,
     reach: float,
@@ -295,7 +295,7 @@ def horizons(
             dsm.north,
             dsm.cell,
             np.ascontiguousarray(xyz, np.float64),
-            own,
+            own_face,
             np.ascontiguousarray(plane, np.float64),
             directions,
             reach,
@@ -337,7 +337,7 @@ def horizons_kernel(
     north: float,
     cell: float,
     xyz: Values,
-    own: int,
+    own_face: int,
     plane: Values,
     directions: int,
     reach: float,
@@ -347,7 +347,7 @@ def horizons_kernel(
     rows, columns = values.shape
     a, b, c = plane[0], plane[1], plane[2]
     rise = clearance + 0.5 * cell * (abs(a) + abs(b))
-    found = np.zeros((len(xyz), directions), np.float32)
+    tangents = np.zeros((len(xyz), directions), np.float32)
     nudge = 1e-6 * cell
     for i in range(len(xyz)):
         x0, y0, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -373,15 +373,15 @@ def horizons_kernel(
                 h = values[row, column]
                 if not first and not np.isnan(h):
                     counts = True
-                    if face_at[row, column] == own:
+                    if face_at[row, column] == own_face:
                         middle_x, middle_y = west + (column + 0.5) * cell, north - (row + 0.5) * cell
                         counts = h > a * middle_x + b * middle_y + c + rise
                     slope = (h - z) / (0.5 * (far + out))
                     if counts and slope > best:
                         best = slope
                 far, first = out, False
-            found[i, k] = best
-    return found
+            tangents[i, k] = best
+    return tangents
 
 
 def sky_shares(horizon: NDArray[np.float32], normal: Values) -> Values:
@@ -393,8 +393,8 @@ def sky_shares(horizon: NDArray[np.float32], normal: Values) -> Values:
     count = horizon.shape[1]
     turn = 2.0 * np.pi * np.arange(count) / count
     across = normal[0] * np.sin(turn) + normal[1] * np.cos(turn)
-    own = np.arctan2(-across, max(float(normal[2]), 1e-9))  # where the plane itself ends the sky
-    low = np.maximum(np.arctan(horizon), np.maximum(own, 0.0))
+    plane_horizon = np.arctan2(-across, max(float(normal[2]), 1e-9))  # where the plane itself ends the sky
+    low = np.maximum(np.arctan(horizon), np.maximum(plane_horizon, 0.0))
     upper = 0.5 * normal[2] * np.cos(low) ** 2
     side = across * (0.5 * (0.5 * np.pi - low) - 0.25 * np.sin(2.0 * low))
     return np.asarray(2.0 * (upper + side).mean(axis=1))
@@ -433,10 +433,10 @@ def lit_light_kernel(
         if light[j] <= 0.0:
             continue
         turn = azimuth[j] / 360.0 * directions
-        one = int(turn) % directions
+        sector = int(turn) % directions
         share = turn - np.floor(turn)
-        other = (one + 1) % directions
+        next_sector = (sector + 1) % directions
         for i in range(places):
-            if tangent[j] > horizon[one, i] * (1.0 - share) + horizon[other, i] * share:
+            if tangent[j] > horizon[sector, i] * (1.0 - share) + horizon[next_sector, i] * share:
                 total[month[j], i] += light[j]
     return total
