@@ -116,10 +116,10 @@ class Results(Summary):
         faces = collect_city_faces(models, {name: number for number, name in enumerate(ids)})
         finest, meshes = finest_faces(faces), {}
         for number, name in enumerate(ids):
-            own = faces.take(finest & (faces.building == number))
-            if not own:
+            building_faces = faces.take(finest & (faces.building == number))
+            if not building_faces:
                 continue
-            corners = own.table.corners[own.table.triangles()[0]]
+            corners = building_faces.table.corners[building_faces.table.triangles()[0]]
             origin = np.floor(corners.min(axis=(0, 1)))
             meshes[name] = trimesh.Trimesh(
                 np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),
@@ -170,14 +170,14 @@ def to_geopandas(
     several = [what] if isinstance(what, Footprint | BuildingModel | Failure) else list(what)
     rows, shapes = [], []
     unit = system.horizontal_unit_m
-    for one in several:
-        outline = one if isinstance(one, Footprint) else one.footprint
+    for item in several:
+        outline = item if isinstance(item, Footprint) else item.footprint
         if outline is None:
             continue
         about = (
-            {"id": one.id, "score": one.score, **one.attributes}
-            if isinstance(one, Footprint)
-            else building_row(one)
+            {"id": item.id, "score": item.score, **item.attributes}
+            if isinstance(item, Footprint)
+            else building_row(item)
         )
         shapes.append(shapely.transform(world_polygon(outline), lambda xy: xy / unit))
         rows.append(about)
@@ -189,8 +189,8 @@ def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
     with all columns."""
     read, path = required_library("geopandas", EXTRA).read_file, folder / "footprints.gpkg"
     frame = read(path, layer=layer)
-    whole = layer == "footprints" and bool(read_details(path))
-    return frame.merge(read(path, layer="attributes"), on="id", how="left") if whole else frame
+    has_details = layer == "footprints" and bool(read_details(path))
+    return frame.merge(read(path, layer="attributes"), on="id", how="left") if has_details else frame
 
 
 def to_trimesh(model: BuildingModel) -> Any:

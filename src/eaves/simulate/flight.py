@@ -154,10 +154,10 @@ def _mirror(
     angle = np.arctan(np.tan(half) * np.sin(turn)) if pattern == "ellipse" else half * (2 * share - 1)
     lead = radius * np.cos(turn) if pattern == "ellipse" else np.zeros(per_line)
     across = flight.height * np.tan(angle)
-    near = np.abs(offset + across) < half_length
+    in_range = np.abs(offset + across) < half_length
     if pattern == "zigzag":  # every second line swings the other way
-        near |= np.abs(offset - across) < half_length
-    share, angle, lead = share[near], angle[near], lead[near]
+        in_range |= np.abs(offset - across) < half_length
+    share, angle, lead = share[in_range], angle[in_range], lead[in_range]
     start = -half_length - np.abs(lead).max(initial=0.0) + rng.uniform(0.0, spacing)
     lines, at_once = int(np.ceil(-2 * start / spacing)) + 1, max(1, BATCH // max(len(share), 1))
     for first in range(0, lines, at_once):
@@ -192,12 +192,12 @@ def _aim(
         + np.outer(swept.along + swept.lead + shake[:, 0], ahead)
         + np.outer(across + shake[:, 1], left)
     )
-    kept = np.flatnonzero(bounds.buffered(BEYOND).contains(target))
-    foot = middle + np.outer(swept.along[kept], ahead) + offset * left
-    origins = np.column_stack([foot, np.full(len(kept), level + flight.height)])
-    aim = np.column_stack([target[kept], np.full(len(kept), level)]) - origins
+    inside = np.flatnonzero(bounds.buffered(BEYOND).contains(target))
+    foot = middle + np.outer(swept.along[inside], ahead) + offset * left
+    origins = np.column_stack([foot, np.full(len(inside), level + flight.height)])
+    aim = np.column_stack([target[inside], np.full(len(inside), level)]) - origins
     aim /= np.linalg.norm(aim, axis=1, keepdims=True)
-    return Pulses(origins, aim, strip, swept.time_s[kept])
+    return Pulses(origins, aim, strip, swept.time_s[inside])
 
 
 def _from_above(bounds: Bounds, top: float, density: float, seed: int) -> Iterator[Pulses]:
@@ -205,8 +205,8 @@ def _from_above(bounds: Bounds, top: float, density: float, seed: int) -> Iterat
     rng = np.random.default_rng([seed, 12])
     count = round(density * bounds.width * bounds.height)
     for first in range(0, count, BATCH):
-        some = min(BATCH, count - first)
-        xy = rng.uniform((bounds.west, bounds.south), (bounds.east, bounds.north), (some, 2))
-        down = np.tile([0.0, 0.0, -1.0], (some, 1))
-        time_s = np.arange(float(first), float(first + some)) * 1e-5
-        yield Pulses(np.column_stack([xy, np.full(some, top)]), down, 1, time_s)
+        size = min(BATCH, count - first)
+        xy = rng.uniform((bounds.west, bounds.south), (bounds.east, bounds.north), (size, 2))
+        down = np.tile([0.0, 0.0, -1.0], (size, 1))
+        time_s = np.arange(float(first), float(first + size)) * 1e-5
+        yield Pulses(np.column_stack([xy, np.full(size, top)]), down, 1, time_s)

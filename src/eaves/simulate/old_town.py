@@ -144,8 +144,8 @@ class Ground:
 
         def build(site: BuildingSite) -> None:
             masses = flat(bounds.width, bounds.height)
-            there = masses[0].translated(self.plot.angle, float(x), float(y), 0.0)
-            design = Design("cellar", lifted(masses, top - site.floor_of(there.polygon)))
+            mass = masses[0].translated(self.plot.angle, float(x), float(y), 0.0)
+            design = Design("cellar", lifted(masses, top - site.floor_of(mass.polygon)))
             site.build(Placement(design, float(x), float(y), self.plot.angle))
 
         self.later.append(build)
@@ -188,8 +188,8 @@ def simulate_old_town(area_km2: float = 0.04, seed: int = 0) -> OldTown:
         heights = cut_corridor(replace(terrain, heights=heights), dyke).heights
     grounds = []
     for number, plot in enumerate(plots):
-        own = np.random.default_rng([seed, 42, number])
-        grounds.append(Ground(plot, heights, *own_coordinates(plot, nodes), own))
+        plot_rng = np.random.default_rng([seed, 42, number])
+        grounds.append(Ground(plot, heights, *own_coordinates(plot, nodes), plot_rng))
         KINDS[(number + seed) % len(KINDS)](grounds[-1])
     site = BuildingSite(bounds, replace(terrain, heights=heights))
     for ground in grounds:

@@ -153,8 +153,8 @@ def simulate_town(
     limit = len(plots) * 1000 if buildings is None else buildings
     for number, plot in enumerate(plots):
         room = len(built.buildings) < limit
-        whole = bool(bounds.buffered(-RIM).contains(plot.corners()).all())
-        draw_block(plot, style, whole, room, np.random.default_rng([seed, 34, number]))
+        uncut = bool(bounds.buffered(-RIM).contains(plot.corners()).all())
+        draw_block(plot, style, uncut, room, np.random.default_rng([seed, 34, number]))
         for placement in plot.placements:
             if len(built.buildings) < limit:
                 built.build(placement)
@@ -293,13 +293,13 @@ class BuildingSite:
 
     def overlaps(self, outline: Polygon) -> bool:
         """True if the outline overlaps a building that is there."""
-        near = (self.outlines[k] for k in self.near(Bounds(*outline.bounds)))
-        return any(shapely.intersection(other, outline).area > APART for other in near)
+        outlines = (self.outlines[k] for k in self.near(Bounds(*outline.bounds)))
+        return any(shapely.intersection(neighbour, outline).area > APART for neighbour in outlines)
 
     def near(self, extent: Bounds) -> list[int]:
         """The numbers of the outlines whose bounds meet a rectangle, in the order they were built."""
-        there = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
-        return [k for k in there if Bounds(*self.outlines[k].bounds).intersects(extent)]
+        numbers = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
+        return [k for k in numbers if Bounds(*self.outlines[k].bounds).intersects(extent)]
 
     def install(self, seed: int) -> None:
         """Put on the buildings what no reference model has."""
@@ -314,8 +314,8 @@ class BuildingSite:
 
     def furnish(self, plot: Plot, trees: float, leaf_loss: float, rng: np.random.Generator) -> None:
         """Plant and park what the plot holds, where no building stands."""
-        near = self.near(Bounds.of(plot.corners()).buffered(GARDEN_REACH))
-        built = shapely.union_all([shapely.buffer(self.outlines[k], TRUNK_CLEARANCE) for k in near])
+        neighbours = self.near(Bounds.of(plot.corners()).buffered(GARDEN_REACH))
+        built = shapely.union_all([shapely.buffer(self.outlines[k], TRUNK_CLEARANCE) for k in neighbours])
         shapely.prepare(built)
 
         def free(place: NDArray[np.float64]) -> bool:

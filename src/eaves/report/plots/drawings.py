@@ -111,11 +111,11 @@ def plan_figure(folder: str | Path, size_inches: float = 9.0) -> Figure:
     ]
     keys.append(Patch(facecolor=face_colour(0.0, None), edgecolor="0.3", linewidth=0.3, label="flat"))
     outlines = {"LoD 2.2": "black", "coarser": "tab:blue", "no model": "tab:red"}
-    there = {line.get_color() for line in axes.lines}
+    colours = {line.get_color() for line in axes.lines}
     keys += [
         Line2D([], [], color=colour, linewidth=1, label=name)
         for name, colour in outlines.items()
-        if colour in there
+        if colour in colours
     ]
     return finished_map(axes, keys, 6, 7, size_inches)
 
@@ -164,24 +164,24 @@ def agreement(folder: Path, reference: Path) -> Raster:
 def errors_figure(folder: str | Path, reference: str | Path, size_inches: float = 9.0) -> Figure:
     """The map of agreement over the shaded surface, with each area's size in the legend."""
     folder = Path(folder)
-    found = agreement(folder, Path(reference))
+    agreement_map = agreement(folder, Path(reference))
     figure = Figure(figsize=(size_inches, size_inches), layout="constrained")
     axes = figure.subplots()
     draw_shade(axes, folder / "dsm.tif")
-    bounds = found.bounds
+    bounds = agreement_map.bounds
     handles = []
     for value, (name, colour) in KINDS.items():
-        there: NDArray[np.bool_] = found.values == value
-        if not there.any():
+        cells: NDArray[np.bool_] = agreement_map.values == value
+        if not cells.any():
             continue
         axes.imshow(
-            np.ma.masked_where(~there, there),
+            np.ma.masked_where(~cells, cells),
             cmap=ListedColormap([colour]),
             extent=(bounds.west, bounds.east, bounds.south, bounds.north),
             alpha=0.8,
             interpolation="nearest",
         )
-        area = np.count_nonzero(there) * found.cell**2
+        area = np.count_nonzero(cells) * agreement_map.cell**2
         handles.append(Patch(color=colour, label=f"{name} {area:,.0f} m²"))
     axes.set_xlim(bounds.west, bounds.east)
     axes.set_ylim(bounds.south, bounds.north)
@@ -215,11 +215,11 @@ def section_figure(folder: str | Path, building: str | None, size_inches: float)
     axes.set_aspect("equal")
 
     along, aside = place_on_line(contents.points.xyz, centre, direction)
-    near = (np.abs(aside) <= WIDTH / 2) & (np.abs(along) <= reach)
+    in_strip = (np.abs(aside) <= WIDTH / 2) & (np.abs(along) <= reach)
     heights = contents.points.xyz[:, 2] + contents.base
     classes = contents.points.classification
     for code, (name, colour) in [*COLOURS.items(), (None, OTHER)]:
-        shown = near & (classes == code if code else ~np.isin(classes, list(COLOURS)))
+        shown = in_strip & (classes == code if code else ~np.isin(classes, list(COLOURS)))
         if shown.any():
             axes.plot(along[shown], heights[shown], ".", color=colour, markersize=2.2, label=f"{name} points")
     for label, colour, thick, only in (("neighbours", "0.55", 0.9, False), ("model", "black", 1.6, True)):
@@ -282,19 +282,19 @@ def cut_models(
 ) -> Values:
     """Section of the finest models by the upright plane: segments (S, 2, 2) of (along, height), of the
     building alone or of all others."""
-    wanted = (contents.faces.building == building) == only
-    faces = contents.faces.take(wanted & finest_faces(contents.faces))
+    selected = (contents.faces.building == building) == only
+    faces = contents.faces.take(selected & finest_faces(contents.faces))
     if not faces:
         return np.zeros((0, 2, 2))
     corners = faces.table.corners[faces.table.triangles()[0]]
     along, aside = place_on_line(corners, centre, direction)
     ends = []
-    for one, two in ((0, 1), (1, 2), (2, 0)):
-        here, there = aside[:, one], aside[:, two]
-        crosses = (here < 0) != (there < 0)
-        share = here / np.where(crosses, here - there, 1.0)
-        place = along[:, one] + share * (along[:, two] - along[:, one])
-        height = corners[:, one, 2] + share * (corners[:, two, 2] - corners[:, one, 2])
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        aside_start, aside_end = aside[:, start], aside[:, end]
+        crosses = (aside_start < 0) != (aside_end < 0)
+        share = aside_start / np.where(crosses, aside_start - aside_end, 1.0)
+        place = along[:, start] + share * (along[:, end] - along[:, start])
+        height = corners[:, start, 2] + share * (corners[:, end, 2] - corners[:, start, 2])
         ends.append(np.where(crosses[:, None], np.stack([place, height], axis=1), np.nan))
     crossing = np.stack(ends, axis=1)
     cut = np.isfinite(crossing[:, :, 0]).sum(axis=1) == 2
@@ -326,9 +326,9 @@ def models_figure(folder: str | Path, size_inches: float) -> Figure:
     starts = finest.table.corners
     lines = cut_lines(np.stack([starts, starts[finest.table.following]], axis=1))
     lines = lines[over_terrain(contents, lines)]
-    seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
+    projected, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
     rim_depth = rims[:, :, 2].mean(axis=1) + IN_FRONT
-    depth = seen[:, :, 2].mean(axis=1)
+    depth = projected[:, :, 2].mean(axis=1)
     figure = Figure(figsize=(size_inches, size_inches))
     axes = figure.add_axes((0, 0, 1, 1))
     edges = np.quantile(depth, np.linspace(0, 1, SLABS + 1)) if len(depth) else np.zeros(2)
@@ -339,7 +339,7 @@ def models_figure(folder: str | Path, size_inches: float) -> Figure:
         shades = colours[slab]
         axes.add_collection(
             PolyCollection(
-                list(seen[slab][:, :, :2]),
+                list(projected[slab][:, :, :2]),
                 facecolors=shades,
                 edgecolors=shades,
                 linewidths=0.25,
@@ -354,7 +354,7 @@ def models_figure(folder: str | Path, size_inches: float) -> Figure:
         x, y = spots[among, :2].T
         axes.scatter(x, y, s=1.1, c=TREE_COLOUR, linewidths=0, zorder=order + 0.5, rasterized=True)
         first = last
-    everything = np.concatenate([seen.reshape(-1, 3), np.zeros((1, 3))])
+    everything = np.concatenate([projected.reshape(-1, 3), np.zeros((1, 3))])
     low, high = everything[:, :2].min(axis=0) - 2, everything[:, :2].max(axis=0) + 2
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.set_axis_off()
@@ -377,13 +377,13 @@ def drawn_scene(contents: Contents) -> tuple[Points, Values, Points]:
     faces = contents.faces.take(finest_faces(contents.faces))
     corner, face = faces.table.triangles()
     ground = terrain_triangles(contents)
-    parts, whole = cut_triangles(faces.table.corners[corner])
-    seen = over_terrain(contents, parts)
-    parts, whole = parts[seen], whole[seen]
+    parts, source = cut_triangles(faces.table.corners[corner])
+    visible = over_terrain(contents, parts)
+    parts, source = parts[visible], source[visible]
     corners = np.concatenate([parts, ground])
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    roof = faces.kind[face[whole]] == SURFACES.index("RoofSurface")
+    roof = faces.kind[face[source]] == SURFACES.index("RoofSurface")
     steep = np.abs(normal[: len(roof), 2]) < np.cos(np.radians(5.0))
     base = np.empty((len(corners), 3))
     base[: len(roof)] = to_rgb(WALL_COLOUR)
@@ -409,19 +409,19 @@ def over_terrain(contents: Contents, pieces: Points) -> Mask:
 def cut_triangles(corners: Points) -> tuple[Points, Integers]:
     """Triangles (T, 3, 3) halved across their longest side until it is short, and which each came from."""
     owner = np.arange(len(corners))
-    done, origin = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
+    pieces, origin = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
     while len(corners):
         sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         small = sides.max(axis=1) <= PIECE
-        done.append(corners[small])
+        pieces.append(corners[small])
         origin.append(owner[small])
         corners, owner, longest = corners[~small], owner[~small], sides[~small].argmax(axis=1)
         turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
-        one, two, far = turned[:, 0], turned[:, 1], turned[:, 2]
-        middle = (one + two) / 2
-        corners = np.concatenate([np.stack([one, middle, far], 1), np.stack([middle, two, far], 1)])
+        start, end, far = turned[:, 0], turned[:, 1], turned[:, 2]
+        middle = (start + end) / 2
+        corners = np.concatenate([np.stack([start, middle, far], 1), np.stack([middle, end, far], 1)])
         owner = np.concatenate([owner, owner])
-    return np.concatenate(done), np.concatenate(origin)
+    return np.concatenate(pieces), np.concatenate(origin)
 
 
 def cut_lines(ends: Points) -> Points:
@@ -441,5 +441,5 @@ def terrain_triangles(contents: Contents) -> Points:
         return np.zeros((0, 3, 3))
     grid = np.dstack([cell_centres(terrain).reshape(*terrain.shape, 2), terrain.values])
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]
-    both = np.stack([np.stack([a, b, c], axis=2), np.stack([c, b, d], axis=2)], axis=2).reshape(-1, 3, 3)
-    return np.asarray(both[np.isfinite(both).all(axis=(1, 2))])
+    pairs = np.stack([np.stack([a, b, c], axis=2), np.stack([c, b, d], axis=2)], axis=2).reshape(-1, 3, 3)
+    return np.asarray(pairs[np.isfinite(pairs).all(axis=(1, 2))])

@@ -167,16 +167,16 @@ def lay_streets(
             plots.append(Plot(float(x), float(y), float(angle + turn), length, depth))
             u += length + STREET
         v += depth + STREET
-    near = [
+    nearby = [
         plot for plot in plots if bounds.buffered(PLOTS_BEYOND).contains(np.array([[plot.x, plot.y]])).all()
     ]
-    return [near[k] for k in rng.permutation(len(near))], strip
+    return [nearby[k] for k in rng.permutation(len(nearby))], strip
 
 
-def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> None:
+def draw_block(plot: Plot, style: TownStyle, uncut: bool, built: bool, rng: np.random.Generator) -> None:
     """The buildings and trees of a plot, drawn by the town's style, with its street trees and parked cars.
 
-    A plot that is not `whole` gets small houses only; one that is not `built` is a park.
+    A plot that is not `uncut` gets small houses only; one that is not `built` is a park.
     """
     blocks: dict[str, Callable[[Plot, np.random.Generator], None]] = {
         "detached": _detached,
@@ -191,7 +191,7 @@ def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.r
     }
     shares = BLOCK_SHARES[style]
     kind = str(rng.choice(list(shares), p=list(shares.values())))
-    if not whole and kind not in SMALL_BLOCKS:
+    if not uncut and kind not in SMALL_BLOCKS:
         kind = "detached"
     blocks[kind if built else "park"](plot, rng)
     for side in (-1.0, 1.0):
