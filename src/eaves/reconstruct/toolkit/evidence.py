@@ -68,23 +68,23 @@ def level_unexplained(
 
     What no plane explains but stands together, a cluttered roof or a dome, is better a level than nothing.
     """
-    answer = labels.copy()
+    levelled = labels.copy()
     loose = np.flatnonzero(labels < 0)
     heights: list[float] = []
     fewest = max(limits.clutter_points, int(np.ceil(limits.smallest / spacing**2)))
     if len(loose) < fewest:
-        return answer, heights
+        return levelled, heights
     scaled = points[loose] * np.array([1.0, 1.0, limits.clutter_reach * spacing / limits.clutter_step])
     pairs = cKDTree(scaled).query_pairs(limits.clutter_reach * spacing, output_type="ndarray")
     cluster = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(loose))
     sizes = np.bincount(cluster)
     most = max(MOST_PLANES - count, 0)
-    kept = np.argsort(-sizes, kind="stable")[:most]
-    for number in np.sort(kept[sizes[kept] >= fewest]).tolist():
-        own = loose[cluster == number]
-        answer[own] = count + len(heights)
-        heights.append(float(np.median(points[own, 2])))
-    return answer, heights
+    largest = np.argsort(-sizes, kind="stable")[:most]
+    for number in np.sort(largest[sizes[largest] >= fewest]).tolist():
+        members = loose[cluster == number]
+        levelled[members] = count + len(heights)
+        heights.append(float(np.median(points[members, 2])))
+    return levelled, heights
 
 
 def support_of(
@@ -104,12 +104,12 @@ def support_of(
     for number, plane in enumerate(planes):
         owner[plane.members] = number
     owner = largest_only(owner, top)
-    used, number_of = np.unique(owner[top], return_inverse=True)
-    labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
-    known = [planes[number].coefficients for number in used[used >= 0]]
-    labels, levels = level_unexplained(points[top], labels, len(known), spacing, limits)
+    owners, number_of = np.unique(owner[top], return_inverse=True)
+    labels: Labels = (number_of.ravel() - int(owners[0] == -1)).astype(np.int32)
+    coefficients = [planes[number].coefficients for number in owners[owners >= 0]]
+    labels, levels = level_unexplained(points[top], labels, len(coefficients), spacing, limits)
     height = max(quantile(points[top, 2], PRISM_PERCENTILE / 100.0), ground + LOWEST_ROOF)
-    rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
+    rows = [*coefficients, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
     return labels, np.array(rows, np.float64)
 
 
@@ -120,9 +120,9 @@ def largest_only(owner: Labels, top: NDArray[np.int64]) -> Labels:
     sizes = np.bincount(owner[top] + 1)[1:]
     if np.count_nonzero(sizes) <= MOST_PLANES:
         return owner
-    kept = np.zeros(len(sizes) + 1, bool)
-    kept[np.argsort(-sizes, kind="stable")[:MOST_PLANES]] = True
-    return np.where(kept[np.minimum(owner, len(sizes))], owner, -1).astype(np.int32)
+    largest = np.zeros(len(sizes) + 1, bool)
+    largest[np.argsort(-sizes, kind="stable")[:MOST_PLANES]] = True
+    return np.where(largest[np.minimum(owner, len(sizes))], owner, -1).astype(np.int32)
 
 
 def faces_as_planes(
@@ -149,9 +149,9 @@ def faces_as_planes(
             if face.plane is not None
         ]
     )
-    answer = []
+    roof_planes = []
     for face, (row, shape) in enumerate(zip(coefficients.tolist(), shapes, strict=True)):
-        own = number == face
-        rmse = float(np.sqrt(np.mean(error[own] ** 2))) if own.any() else 0.0
-        answer.append(RoofPlane((row[0], row[1], row[2]), top[own], rmse, shape))
-    return tuple(answer)
+        on_face = number == face
+        rmse = float(np.sqrt(np.mean(error[on_face] ** 2))) if on_face.any() else 0.0
+        roof_planes.append(RoofPlane((row[0], row[1], row[2]), top[on_face], rmse, shape))
+    return tuple(roof_planes)
