@@ -23,7 +23,6 @@ from eaves.evaluate.images import (
     open_buildings,
     plane_image,
 )
-from eaves.evaluate.matching import Numbers
 from eaves.evaluate.models import evaluate_models, lay_points
 from eaves.evaluate.report import Evaluation, evaluation_rows, write_report
 from eaves.evaluate.roof_planes import evaluate_planes
@@ -31,7 +30,7 @@ from eaves.evaluate.scores import Agreement
 from eaves.formats import InputError, read, read_polygons
 from eaves.formats.vectors.vector_files import checked_vector
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Mask, PointCloud, Points, Raster, Values
+from eaves.model import Integers, Mask, PointCloud, Points, Raster, Values
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.validate import validate_file
@@ -258,7 +257,7 @@ def _building_points(cloud: PointCloud, path: Path) -> Values:
     return np.asarray(cloud.xyz[cloud.classification == BUILDING] + [*cloud.origin, 0.0])
 
 
-def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
+def _planes(path: Path, grid: Raster) -> tuple[Integers, Values | None]:
     """Plane labels (H, W) of a file, and their heights where it has them."""
     if kind_of(path) == "city":
         origin = (grid.west, grid.north)
@@ -281,7 +280,7 @@ SAME_POINT = 0.02
 """Points this near (m) are one point of two files."""
 
 
-LabelledPoints = tuple[Points, Numbers]
+LabelledPoints = tuple[Points, Integers]
 """World coordinates (N, 3) in the file's units, and plane numbers (N,), 0 for none."""
 
 
@@ -298,7 +297,7 @@ def read_labelled_points(path: Path) -> LabelledPoints:
     return np.asarray(las.xyz, np.float64), np.asarray(las[PLANE_ID], np.int64)
 
 
-def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Numbers, Numbers, float]:
+def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Integers, Integers, float]:
     """Plane numbers (N,) of result and reference at the reference's points, and the area (m²) of a point.
 
     A point the result lacks has no plane there.
@@ -310,7 +309,7 @@ def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Numb
     return plane, true, measure_spacing(places[true > 0] - places[:1]) ** 2
 
 
-def match_points(result: Points, reference: Points) -> tuple[Mask, Numbers]:
+def match_points(result: Points, reference: Points) -> tuple[Mask, Integers]:
     """Mask (N,) of the points of a reference (N, 3) in a result (M, 3), and the number (K,) of each in the
     result."""
     if len(result) == 0 or len(reference) == 0:

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from eaves.evaluate.scores import Agreement
-from eaves.model import Mask, Values
+from eaves.model import Integers, Mask, Values
 
 SMALLEST = 2.5
 """Objects under this area (m²) are left out [isprs_evaluation]."""
@@ -34,14 +33,12 @@ partner.
 RELATIONS = ("1:1", "1:M", "N:1", "N:M", "1:0", "0:1")
 """So many of the reference stand for so many of the result; 1:0 was missed, 0:1 is false."""
 
-Numbers = NDArray[np.int64]
-
 
 @dataclass(frozen=True, eq=False)
 class Objects:
     """Objects of one set: their `label` and `area` (m²), both (K,)."""
 
-    label: Numbers
+    label: Integers
     area: Values
 
     def __len__(self) -> int:
@@ -58,8 +55,8 @@ class Matching:
 
     result: Objects
     reference: Objects
-    result_number: Numbers
-    reference_number: Numbers
+    result_number: Integers
+    reference_number: Integers
     shared: Values
 
     @cached_property
@@ -83,7 +80,7 @@ class Matching:
         )
 
     @cached_property
-    def groups(self) -> tuple[Numbers, Numbers]:
+    def groups(self) -> tuple[Integers, Integers]:
         """The group each result (K,) and each reference object (M,) belongs to: those linked by overlaps."""
         count, result_node = len(self.result) + len(self.reference), self.result_number[self.together]
         reference_node = self.reference_number[self.together] + len(self.result)
@@ -119,8 +116,8 @@ def relation_of(reference: int, result: int) -> str:
 
 
 def match_objects(
-    result: Numbers, reference: Numbers, area: float, smallest: float = SMALLEST
-) -> tuple[Matching, Numbers, Numbers]:
+    result: Integers, reference: Integers, area: float, smallest: float = SMALLEST
+) -> tuple[Matching, Integers, Integers]:
     """The matching of two label arrays of one shape, 0 for none, and the arrays without the small objects.
 
     `area` (m²) is what one element stands for: that of a cell, or one over the density of points.
@@ -137,7 +134,7 @@ def match_objects(
     return Matching(judged, true, result_number, reference_number, shared_m2), result, reference
 
 
-def _without_small(labels: Numbers, area: float, smallest: float) -> tuple[Numbers, Objects]:
+def _without_small(labels: Integers, area: float, smallest: float) -> tuple[Integers, Objects]:
     """The labels with objects under `smallest` (m²) set to 0, and the objects that remain."""
     label, count = np.unique(labels[labels > 0], return_counts=True)
     large = count * area >= smallest
@@ -151,11 +148,11 @@ FARTHEST = 3.0
 CANDIDATES = 8
 """Sides whose middles are nearest to a point; the nearest side is among them, as all are of one length."""
 
-Sides = tuple[NDArray[np.float64], NDArray[np.bool_]]
+Sides = tuple[Values, Mask]
 """Middles (N, 2) of cell sides, m from the upper left corner (x right, y down); which are upright (N,)."""
 
 
-def rim_of(inside: NDArray[np.bool_], cell: float) -> Sides:
+def rim_of(inside: Mask, cell: float) -> Sides:
     """The cell sides between inside and outside of a mask (H, W); the raster's frame is outside."""
     framed = np.pad(inside, 1)
     row, column = np.nonzero(framed[1:-1, 1:] != framed[1:-1, :-1])

@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.evaluate.detection import ObjectRow, object_rows
-from eaves.evaluate.matching import Matching, Numbers, match_objects, rim_distances, rim_of
+from eaves.evaluate.matching import Matching, match_objects, rim_distances, rim_of
 from eaves.evaluate.scores import Agreement, root_mean_square
-from eaves.model import Values
+from eaves.model import Integers, Values
 from eaves.model.checks import check_positive, check_same_shape
 
 SMALLEST_PLANE = 0.0
@@ -60,8 +59,8 @@ class PlaneScore:
 
 
 def evaluate_planes(
-    result: Numbers,
-    reference: Numbers,
+    result: Integers,
+    reference: Integers,
     area: float,
     result_height: Values | None = None,
     reference_height: Values | None = None,
@@ -119,7 +118,7 @@ def evaluate_planes(
     )
 
 
-def _labels_together(matching: Matching) -> NDArray[np.int64]:
+def _labels_together(matching: Matching) -> Integers:
     """Pairs (P, 2) of labels of planes that belong together."""
     pair = matching.together
     return np.stack(
@@ -131,7 +130,7 @@ def _labels_together(matching: Matching) -> NDArray[np.int64]:
     )
 
 
-def _rms_in_plan(matching: Matching, result: Numbers, reference: Numbers, cell: float) -> float:
+def _rms_in_plan(matching: Matching, result: Integers, reference: Integers, cell: float) -> float:
     """RMS (m) of the rims of planes from the rims of the reference planes they belong to, group by group."""
     judged = _group_image(result, matching.result.label, matching.groups[0])
     true = _group_image(reference, matching.reference.label, matching.groups[1])
@@ -149,7 +148,7 @@ def _rms_in_plan(matching: Matching, result: Numbers, reference: Numbers, cell: 
     return root_mean_square(np.concatenate(distances))
 
 
-def _group_image(labels: Numbers, label: Numbers, group: Numbers) -> Numbers:
+def _group_image(labels: Integers, label: Integers, group: Integers) -> Integers:
     """The group, from 1, of each cell's object; 0 for none."""
     place = np.searchsorted(label, labels)
     return np.where(labels > 0, np.append(group, -1)[place] + 1, 0)

@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from eaves.figures.roof_figures import face_shapes, roof_figures
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.roof_fit import highest_faces
-from eaves.model import BuildingModel, Mask, Points, Solid, Values
+from eaves.model import BuildingModel, Integers, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 
 NEAR_M = 0.2
@@ -25,7 +24,7 @@ FEWEST_POINTS = 3
 """Fewer points support no face and say nothing of a roof."""
 
 
-def grade_faces(records: list[dict[str, Any]], error: Values, face: NDArray[np.int64]) -> None:
+def grade_faces(records: list[dict[str, Any]], error: Values, face: Integers) -> None:
     """Adds to the record of each roof face its inlier share, density, coverage, and in words why it is weak.
 
     `error` (N,; m) are the distances of roof points, `face` (N,) the number of the face under each. The
@@ -68,7 +67,7 @@ OWN_SURFACE = 1.0
 TRIMMED_SHARE = 0.95
 """Share of the best-fitting points the trimmed RMSE is computed from."""
 
-Surface = tuple[Values, Values, NDArray[np.int64]]
+Surface = tuple[Values, Values, Integers]
 """Height of a model over places (N,), cosine of its slope there, number of the roof face."""
 
 
@@ -77,7 +76,7 @@ def measure_volume(solid: Solid) -> float:
     return FaceTable.of_solids([solid]).volume
 
 
-def surface_heights(solids: tuple[Solid, ...], xy: NDArray[np.float64]) -> Surface:
+def surface_heights(solids: tuple[Solid, ...], xy: Values) -> Surface:
     """Height of the model over places (N, 2), cosine of the slope there, and number of the roof face.
 
     Roof faces are counted through all solids; where there is none the height is NaN and the number -1.
@@ -185,7 +184,7 @@ def describe_faces(faces: FaceTable) -> list[dict[str, Any]]:
     return records
 
 
-def empty_cells(points: Points, model: BuildingModel) -> tuple[NDArray[np.float64], Mask]:
+def empty_cells(points: Points, model: BuildingModel) -> tuple[Values, Mask]:
     """The centres (C, 2) of the footprint's 1 m cells, and which of them (C,) no point (N, 3) falls in."""
     west, south, east, north = model.footprint.polygon.bounds
     columns, rows = int((east - west) / EMPTY_CELL) + 1, int((north - south) / EMPTY_CELL) + 1
@@ -198,7 +197,7 @@ def empty_cells(points: Points, model: BuildingModel) -> tuple[NDArray[np.float6
     return np.column_stack([x, y])[inside], ~filled[inside]
 
 
-def mark_unknown(roof_faces: list[dict[str, Any]], face: NDArray[np.int64], empty: Mask) -> None:
+def mark_unknown(roof_faces: list[dict[str, Any]], face: Integers, empty: Mask) -> None:
     """Adds to the record of each roof face which share of it has no data, and whether most of it has none.
 
     `face` (C,) is the face over each cell, `empty` (C,) whether a point fell in it; a face that covers the

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import GEOSException, LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import Failure, Footprint
+from eaves.model import Failure, Footprint, Integers
 from eaves.model.results import BuildingPoints
 from eaves.outline.toolkit.shared_edges import welded_outlines
 from eaves.units import UnitMethod, divide_block
@@ -94,7 +93,7 @@ def parts_of(
     return [*parts, *(Footprint(polygon, origin=footprint.origin) for polygon in unclaimed)] if parts else []
 
 
-def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[np.int64]:
+def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> Integers:
     """The number (N,) of the part that each point lies in, or nearest to."""
     xy = building.xyz[:, :2]
     owner = np.full(len(xy), -1)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.planes import LocalPlanes
 from eaves.geometry.tin import Tin
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Mask, Points, RoofPlane, Values
+from eaves.model import Integers, Labels, Mask, Points, RoofPlane, Values
 from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.stage import RoofMethod
 from eaves.roof.toolkit.regions import normal_error, roof_planes
@@ -100,9 +99,7 @@ class TinFaces(RoofMethod):
         least_normal_z = float(np.cos(np.radians(self.finish.max_slope)))
         return roof_planes(labels, points, self.finish.fewest_points(local), least_normal_z)
 
-    def cluster(
-        self, corners: Points, around: NDArray[np.int64], normals: NDArray[np.float64], local: LocalPlanes
-    ) -> NDArray[np.int64]:
+    def cluster(self, corners: Points, around: Integers, normals: Values, local: LocalPlanes) -> Integers:
         """Number (T,) of the face of every triangle, by its corners (T, 3, 3); −1 for none."""
         slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 1e-9)
         (ux, uy), (vx, vy) = ((corners[:, k, :2] - corners[:, 0, :2]).T for k in (1, 2))
@@ -124,8 +121,8 @@ class TinFaces(RoofMethod):
 
 
 def fullest(
-    slopes: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    slopes: Values,
+    normals: Values,
     middle: Points,
     weight: Values,
     width: float,
@@ -143,14 +140,14 @@ def fullest(
     return np.asarray(inside & (np.abs(offset - level) <= 1.5 * reach))
 
 
-def renumber(tin: Tin, real: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def renumber(tin: Tin, real: Integers) -> tuple[Integers, Integers]:
     """Corners (T, 3) and neighbours (T, 3; −1 outside) of the finite triangles of a TIN."""
     number = np.full(len(tin.vertices) + 1, -1)
     number[real] = np.arange(len(real))
     return tin.vertices[real].astype(np.int64), number[tin.neighbours[real]]
 
 
-def peak_of(places: NDArray[np.float64], weight: Values, width: float) -> NDArray[np.float64]:
+def peak_of(places: Values, weight: Values, width: float) -> Values:
     """The weighted mean (D,) of the places (T, D ≤ 2) of the fullest 3 (× 3) cells, `width` wide."""
     weighted = weight > 0.0
     cell = np.floor(places / width).astype(np.int64)
@@ -163,9 +160,7 @@ def peak_of(places: NDArray[np.float64], weight: Values, width: float) -> NDArra
     return np.asarray(np.average(places[beside], axis=0, weights=weight[beside]))
 
 
-def connected_pieces(
-    chosen: Mask, around: NDArray[np.int64], area: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def connected_pieces(chosen: Mask, around: Integers, area: Values) -> tuple[Integers, Values]:
     """Piece (T,) of each of the triangles picked (T,), −1 for the others; the area (m²) of every piece."""
     first, second = np.repeat(np.arange(len(chosen)), 3), around.ravel()
     linked = (second >= 0) & chosen[first] & chosen[second]
@@ -175,7 +170,7 @@ def connected_pieces(
     return piece, np.bincount(piece[chosen], area[chosen]).astype(np.float64)
 
 
-def vote_for_face(corners: NDArray[np.int64], face: NDArray[np.int64], count: int) -> Labels:
+def vote_for_face(corners: Integers, face: Integers, count: int) -> Labels:
     """The label (N,) of every point: the face most of its triangles lie on, 0 where half or more do not."""
     faces = int(face.max(initial=-1)) + 1
     place = corners * (faces + 1) + face[:, None] + 1

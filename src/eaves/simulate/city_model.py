@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 from shapely import Polygon
@@ -17,7 +16,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cityjson
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.rings import as_polygon
-from eaves.model import Bounds, Face, Solid
+from eaves.model import Bounds, Face, Solid, Values
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
 from eaves.simulate.objects.solids import extrude_partition
@@ -199,7 +198,7 @@ def _tile(faces: list[ExactFace], grid: float) -> list[tuple[Polygon, int]]:
     ]
 
 
-def _guess(normal: NDArray[np.float64]) -> str:
+def _guess(normal: Values) -> str:
     if normal[2] > LOWEST_ROOF_NORMAL:
         return ROOF_SURFACE
     return GROUND_SURFACE if normal[2] < -LOWEST_ROOF_NORMAL else WALL_SURFACE

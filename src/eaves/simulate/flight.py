@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.model import Bounds
+from eaves.model import Bounds, Values
 
 Pattern = Literal["lines", "zigzag", "ellipse", "random"]
 
@@ -66,10 +65,10 @@ class Flight:
 class Pulses:
     """P pulses: `origins` and unit `directions` (P, 3), the number of the strip from 1, the time (s)."""
 
-    origins: NDArray[np.float64]
-    directions: NDArray[np.float64]
+    origins: Values
+    directions: Values
     strip: int
-    time_s: NDArray[np.float64]
+    time_s: Values
 
 
 LINE_RATE = 100.0
@@ -105,9 +104,7 @@ def fly(
             yield _aim(flight, bounds, level, middle, turn, lateral, strip + 1, swept, rng)
 
 
-def _strips_over(
-    bounds: Bounds, middle: NDArray[np.float64], heading: float, offsets: list[float], swath: float
-) -> float:
+def _strips_over(bounds: Bounds, middle: Values, heading: float, offsets: list[float], swath: float) -> float:
     """Mean number of strips that cover a place of the town."""
     share = (np.arange(50) + 0.5) / 50
     x, y = np.meshgrid(bounds.west + share * bounds.width, bounds.south + share * bounds.height)
@@ -124,10 +121,10 @@ class _Sweep:
     across (radians), the time (s); and the spacing of the pulses (m).
     """
 
-    along: NDArray[np.float64]
-    lead: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    time_s: NDArray[np.float64]
+    along: Values
+    lead: Values
+    angle: Values
+    time_s: Values
     spacing: float
 
 
@@ -175,7 +172,7 @@ def _aim(
     flight: Flight,
     bounds: Bounds,
     level: float,
-    middle: NDArray[np.float64],
+    middle: Values,
     turn: float,
     offset: float,
     strip: int,

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.model import Bounds, CoordinateSystem, Values
@@ -305,7 +304,7 @@ class BuildingSite:
         """Put on the buildings what no reference model has."""
         tree = shapely.STRtree(self.outlines)
 
-        def free(place: NDArray[np.float64]) -> bool:
+        def free(place: Values) -> bool:
             return len(tree.query(shapely.Point(place), predicate="within")) == 0
 
         for building in self.buildings:
@@ -318,13 +317,13 @@ class BuildingSite:
         built = shapely.union_all([shapely.buffer(self.outlines[k], TRUNK_CLEARANCE) for k in neighbours])
         shapely.prepare(built)
 
-        def free(place: NDArray[np.float64]) -> bool:
+        def free(place: Values) -> bool:
             return not shapely.contains_xy(built, place[0], place[1])
 
-        def level(place: NDArray[np.float64]) -> float:
+        def level(place: Values) -> float:
             return float(self.terrain.at(place[None, :])[0])
 
-        def plant(place: NDArray[np.float64]) -> None:
+        def plant(place: Values) -> None:
             leaves, trunk = grow_tree(float(place[0]), float(place[1]), level(place), rng, leaf_loss)
             self.leaves.append(leaves)
             self.surfaces.append(trunk)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -27,7 +26,7 @@ ROUNDED = 0.75
 """So near (steps of the grid) to a node a piece passes through it: what is rounded moves less."""
 
 
-def arrange(polygon: Polygon, segments: NDArray[np.float64]) -> Coverage | None:
+def arrange(polygon: Polygon, segments: Values) -> Coverage | None:
     """The cells that segments (S, 4: x, y, x, y) cut a polygon into, nodes on the grid of coordinates.
 
     Ends that hang free cut nothing. Necks and gaps narrower than `NARROWEST_NECK` are parted and filled
@@ -43,9 +42,7 @@ def arrange(polygon: Polygon, segments: NDArray[np.float64]) -> Coverage | None:
     return None if knotted is None else cells_between(*knotted)
 
 
-def knot(
-    outline: NDArray[np.float64], lines: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], Integers, Integers, Mask] | None:
+def knot(outline: Values, lines: Values) -> tuple[Values, Integers, Integers, Mask] | None:
     """Nodes (V, 2), the pieces between them from `start` to `end` (K,), (K,), and which are of the outline.
 
     `outline` (E, 4) and `lines` (S, 4) are in steps of the grid, the outline on it. The lines bend through
@@ -76,9 +73,7 @@ def knot(
     return None
 
 
-def one_place_each(
-    corners: NDArray[np.float64], crossings: NDArray[np.float64], reach: float
-) -> tuple[NDArray[np.float64], int]:
+def one_place_each(corners: Values, crossings: Values, reach: float) -> tuple[Values, int]:
     """One place for those of the corners (K, 2) and the other places (M, 2) that are connected by steps as
     short as `reach`, the first of them; after so many the corners that are none of these."""
     places = np.vstack([corners, crossings])
@@ -90,13 +85,13 @@ def one_place_each(
     return places[np.append(first, np.flatnonzero(left_out))], len(first)
 
 
-def each_once(places: NDArray[np.float64]) -> NDArray[np.float64]:
+def each_once(places: Values) -> Values:
     """The places (K, 2), each once, by x and then by y."""
     numbers = np.unique(places @ np.array([1.0, 1.0j]))
     return np.column_stack([numbers.real, numbers.imag])
 
 
-def meetings(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers]:
+def meetings(pieces: Values) -> tuple[Values, Integers]:
     """Crossings of two of the pieces (M, 4), rounded (K, 2), and the lower number of the two (K,)."""
     order = np.argsort(np.minimum(pieces[:, 0], pieces[:, 2]), kind="stable")
     places, first, second = crossings_kernel(pieces[order])
@@ -104,7 +99,7 @@ def meetings(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers
 
 
 @kernel
-def crossings_kernel(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers, Integers]:
+def crossings_kernel(pieces: Values) -> tuple[Values, Integers, Integers]:
     """Crossings of two of the pieces (M, 4), ascending by their least x, between their ends (K, 2), and the
     two that cross, (K,), (K,)."""
     room, hits = 2 * len(pieces) + 16, 0
@@ -135,9 +130,7 @@ def crossings_kernel(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
     return places[:hits], pairs[0, :hits], pairs[1, :hits]
 
 
-def pieces_through(
-    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: float
-) -> tuple[Integers, Integers, Integers]:
+def pieces_through(nodes: Values, pieces: Values, reach: float) -> tuple[Integers, Integers, Integers]:
     """The pieces (M, 4) divided at the nodes (V, 2) that they pass within a `reach`: the piece (K,) that each
     part is of, and the nodes (K,), (K,) that it joins."""
     order = np.argsort(nodes[:, 0], kind="stable")
@@ -150,9 +143,7 @@ def pieces_through(
 
 
 @kernel
-def passing_kernel(
-    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: float
-) -> tuple[Integers, Integers, Values]:
+def passing_kernel(nodes: Values, pieces: Values, reach: float) -> tuple[Integers, Integers, Values]:
     """Pairs of piece and node (K,), (K,) that are within a `reach` of each other, and how far along the piece
     the node is. The nodes (V, 2) ascend by x."""
     room, hits = 4 * len(pieces) + 16, 0
@@ -179,9 +170,7 @@ def passing_kernel(
     return pairs[0, :hits], pairs[1, :hits], places[:hits]
 
 
-def cells_between(
-    nodes: NDArray[np.float64], start: Integers, end: Integers, on_rim: Mask
-) -> Coverage | None:
+def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -> Coverage | None:
     """The coverage of what lies to the left of the pieces of the outline, which are `on_rim` (K,), cut by the
     others; None where nothing does. Pieces meet in nodes (V, 2; steps of the grid) only."""
     size = len(nodes)
@@ -233,7 +222,7 @@ def cells_between(
     return Coverage(*compact_kernel(places, start[stays], end[stays], cell[stays])) if len(stays) else None
 
 
-def next_clockwise(nodes: NDArray[np.float64], start: Integers, end: Integers) -> Integers:
+def next_clockwise(nodes: Values, start: Integers, end: Integers) -> Integers:
     """For each half-edge from `start` (H,) to `end` (H,) the next one clockwise that leaves the same node."""
     step = nodes[end] - nodes[start]
     order = np.lexsort((np.arctan2(step[:, 1], step[:, 0]), start))

@@ -9,13 +9,12 @@ from operator import itemgetter
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Face, Mask, Points, Solid
+from eaves.model import Face, Mask, Points, Solid, Values
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.solids.coverage import Coverage, coverage_of, cut_polygons
 from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
@@ -49,14 +48,14 @@ def on_grid(value: float) -> float:
 
 @kernel
 def crossings_kernel(
-    nodes: NDArray[np.float64],
+    nodes: Values,
     start: Integers,
     end: Integers,
     cell: Integers,
     twin: Integers,
-    tops: NDArray[np.float64],
-    floors: NDArray[np.float64],
-) -> tuple[Integers, NDArray[np.float64]]:
+    tops: Values,
+    floors: Values,
+) -> tuple[Integers, Values]:
     """First crossings of a top or floor of one cell with one of the other along their edge: half (K,), place
     (K, 2)."""
     halves, places, count = np.empty(len(start), np.int64), np.empty((len(start), 2)), 0
@@ -87,16 +86,16 @@ def crossings_kernel(
 
 @kernel
 def columns_kernel(
-    nodes: NDArray[np.float64],
+    nodes: Values,
     start: Integers,
     cell: Integers,
     twin: Integers,
     following: Integers,
-    tops: NDArray[np.float64],
-    floors: NDArray[np.float64],
+    tops: Values,
+    floors: Values,
     over: Integers,
     under: Integers,
-) -> tuple[NDArray[np.float64], Integers, Integers, Mask, Integers]:
+) -> tuple[Values, Integers, Integers, Mask, Integers]:
     """Vertices (V, 3), one for each group of nearly equal heights of the cells over a node; those (H, 2) of
     each half-edge's cell over its start, of floor and top; the walls; which vertices are used (V,); the nodes
     (K,) at which walls touch.
@@ -165,7 +164,7 @@ def columns_kernel(
     return vertices[:count], vertex, spans[:walls], in_use, touching
 
 
-def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> list[Solid] | None:
+def extrude(coverage: Coverage, planes: Values, base: float) -> list[Solid] | None:
     """The solids between the base (m) and the planes (C, 3: a, b, c) of the cells, one for each connected
     part.
 
@@ -192,7 +191,7 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
     return None
 
 
-def split_crossings(coverage: Coverage, tops: NDArray[np.float64], floors: NDArray[np.float64]) -> Coverage:
+def split_crossings(coverage: Coverage, tops: Values, floors: Values) -> Coverage:
     """The coverage with a node on every edge along which planes, tops or floors (C, 3), of its cells cross.
 
     A crossing beside a node inside the plan is at that node, which moves there: an edge as short as the rest
@@ -214,9 +213,7 @@ def split_crossings(coverage: Coverage, tops: NDArray[np.float64], floors: NDArr
     return coverage
 
 
-def node_moved(
-    coverage: Coverage, halves: Integers, places: NDArray[np.float64], free: Mask
-) -> Coverage | None:
+def node_moved(coverage: Coverage, halves: Integers, places: Values, free: Mask) -> Coverage | None:
     """The coverage with one of the nodes that are `free` (V,) moved to one of the `places` (K, 2) beside it
     on the edges `halves` (K,); None where none can. A node tried is free no more.
     """
@@ -234,12 +231,12 @@ def node_moved(
 
 def close_cells(
     plan: Coverage,
-    tops: NDArray[np.float64],
-    floors: NDArray[np.float64],
+    tops: Values,
+    floors: Values,
     stands: Mask,
     over: Integers,
     names: Sequence[int | None],
-) -> tuple[list[Solid], NDArray[np.float64]]:
+) -> tuple[list[Solid], Values]:
     """The solids between the planes `floors` and `tops` (C, 3) of the cells, and the places (K, 2) where they
     touch themselves.
 
@@ -310,7 +307,7 @@ def rings_of(
     return list(zip(label[first].tolist(), map(tuple, rings), strict=True))
 
 
-def segment_ends(plan: Coverage, halves: Integers, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+def segment_ends(plan: Coverage, halves: Integers, planes: Values) -> Values:
     """Heights (H, 2) of planes (H, 3) over start and end of half-edges (H,)."""
     places = np.stack([plan.nodes[plan.start[halves]], plan.nodes[plan.end[halves]]], axis=1)
     return np.asarray(
@@ -323,7 +320,7 @@ def inner_halves(plan: Coverage) -> Integers:
     return np.flatnonzero((plan.cell > plan.cell[plan.twin]) & (plan.cell[plan.twin] >= 0))
 
 
-def joined_cells(plan: Coverage, tops: NDArray[np.float64], floors: NDArray[np.float64]) -> Integers:
+def joined_cells(plan: Coverage, tops: Values, floors: Values) -> Integers:
     """The number (C,) of the body each cell belongs to: neighbours whose heights overlap along an edge."""
     halves = inner_halves(plan)
     inner, outer = plan.cell[halves], plan.cell[plan.twin[halves]]
@@ -333,9 +330,7 @@ def joined_cells(plan: Coverage, tops: NDArray[np.float64], floors: NDArray[np.f
     return np.asarray(connected_groups_kernel(inner[joined], outer[joined], plan.count))
 
 
-def step_back(
-    coverage: Coverage, planes: NDArray[np.float64], places: NDArray[np.float64]
-) -> tuple[Coverage, Integers] | None:
+def step_back(coverage: Coverage, planes: Values, places: Values) -> tuple[Coverage, Integers] | None:
     """The coverage with a little patch around each of the nodes at `places` (K, 2) given to the lowest cell
     there, to the outside where that touches itself, and the cells kept; None where that cannot be drawn.
     """
@@ -376,7 +371,7 @@ class Extrusion:
 def extrude_plan(
     plan: Coverage,
     labels: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     ground: float,
     smallest: float,
 ) -> Extrusion:

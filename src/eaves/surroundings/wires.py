@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.methods import Method, parameter
-from eaves.model import Mask, PointCloud, Points, Values
+from eaves.model import Integers, Mask, PointCloud, Points, Values
 from eaves.model.cloud import GRID_STEP, GROUND, UNCLASSIFIED
 from eaves.raster.squares import grown_by_square
 
-Integers = NDArray[np.int64]
+Integers = Integers
 
 
 class WireRules(Method):
@@ -151,7 +150,7 @@ def top_in_air(cell: Integers, z: Values, air: float) -> Mask:
     return in_air
 
 
-def one_each(xyz: Points, side: float) -> NDArray[np.int64]:
+def one_each(xyz: Points, side: float) -> Integers:
     """Numbers of the points (K, 3), the first of each cube of a side (m)."""
     place = np.floor(xyz / side).astype(np.int64)
     place -= place.min(axis=0)

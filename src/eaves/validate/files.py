@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.formats.models.cityjson_read import system_of_head
-from eaves.model import Finding
-from eaves.validate.boundaries import FINEST_STEP, Integers
+from eaves.model import Finding, Integers, Values
+from eaves.validate.boundaries import FINEST_STEP
 from eaves.validate.codes import make_finding
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives
 
@@ -46,8 +45,8 @@ FARTHEST = 2.0**52
 class Grid:
     """The grid coordinates are written on: place = written · scale + translate (m), in units of `step` m."""
 
-    scale: NDArray[np.float64]
-    translate: NDArray[np.float64]
+    scale: Values
+    translate: Values
     step: float = FINEST_STEP
 
     def places(self, written: Any) -> Integers:
@@ -170,7 +169,7 @@ def _documents(path: Path, findings: list[Finding]) -> Iterator[Any]:
                 yield decoder.decode(line)
 
 
-def _unit_m(head: dict[str, Any], path: Path) -> NDArray[np.float64]:
+def _unit_m(head: dict[str, Any], path: Path) -> Values:
     """Metres a unit of x, y and z; 1 where the file states no system that is known."""
     try:
         return np.array(system_of_head(head, path).unit_m)
@@ -178,7 +177,7 @@ def _unit_m(head: dict[str, Any], path: Path) -> NDArray[np.float64]:
         return np.ones(3)
 
 
-def _grid(head: dict[str, Any], unit_m: NDArray[np.float64]) -> Grid:
+def _grid(head: dict[str, Any], unit_m: Values) -> Grid:
     """The grid a document's transform states; coordinates as they stand when it has none."""
     transform = head.get("transform")
     if transform is None:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import BuildingModel, Finding
+from eaves.model import BuildingModel, Finding, Integers
 from eaves.model.checks import check_type
 from eaves.validate.boundaries import to_grid
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives, find_defects
@@ -69,7 +68,7 @@ def find_invalid(models: Sequence[BuildingModel], tolerances: Tolerances | None 
     return sorted({int(primitives[number].family) for number, _ in defects})
 
 
-def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[ReadPrimitive], NDArray[np.int64]]:
+def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[ReadPrimitive], Integers]:
     """The solids of a model, and their vertices (V, 3) in whole steps, which are counted from `first`."""
     primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], first
     solids = [

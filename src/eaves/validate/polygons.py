@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.model import Mask, Values
-from eaves.validate.boundaries import Boundaries, Integers
+from eaves.model import Integers, Mask, Values
+from eaves.validate.boundaries import Boundaries
 
 REASONS = (
     ("Self-intersection", 201),

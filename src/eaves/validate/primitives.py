@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from eaves.geometry.tolerance import PLANARITY, SNAP
-from eaves.model import Finding, Mask
-from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Integers, Shell, lay_flat
+from eaves.model import Finding, Integers, Mask
+from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Shell, lay_flat
 from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
     FALL_TOGETHER,

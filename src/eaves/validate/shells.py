@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.validate.boundaries import Boundaries, Integers
+from eaves.model import Integers
+from eaves.validate.boundaries import Boundaries
 from eaves.validate.exact import self_intersections_kernel
 from eaves.validate.polygons import Triangles
 

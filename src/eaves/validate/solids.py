@@ -7,12 +7,10 @@ from itertools import combinations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.model import Mask
-from eaves.validate.boundaries import Integers
+from eaves.model import Integers, Mask, Values
 from eaves.validate.exact import (
     CROSS,
     OPPOSITE_SIDE,
@@ -25,7 +23,7 @@ from eaves.validate.exact import (
 FINER = 6
 """On a grid six times finer the middles of edges and of triangles are whole numbers too."""
 
-Shell = NDArray[np.int64]
+Shell = Integers
 """The triangles (T, 3, 3) of a closed shell in whole steps about an origin common to all shells compared."""
 
 Defect = tuple[int, str]
@@ -112,7 +110,7 @@ def composite_defects(solids: list[list[Shell]]) -> list[Defect]:
     return defects
 
 
-def _samples(shell: Shell) -> NDArray[np.float64]:
+def _samples(shell: Shell) -> Values:
     """Corners, middles of edges and middles of triangles of a shell, on the finer grid."""
     middle = shell.sum(axis=1) * (FINER // 3)
     halves = (shell + np.roll(shell, -1, axis=1)).reshape(-1, 3) * (FINER // 2)
@@ -144,7 +142,7 @@ NEAR = 1e-3
 STEP = 16 * NEAR
 """Corners of cut faces nearer than this (steps) are one."""
 
-Cell = NDArray[np.float64]
+Cell = Values
 """(M, 3) ring of a piece of a face, counter-clockwise from outside."""
 
 Place = tuple[int, int, int]
@@ -216,12 +214,12 @@ def _cut_triangle(triangle: Cell, lines: list[tuple[Integers, Integers]]) -> lis
     return [origin + ring @ frame for ring in rings]
 
 
-def _key(point: NDArray[np.float64]) -> Place:
+def _key(point: Values) -> Place:
     x, y, z = np.rint(point / STEP).astype(np.int64)
     return int(x), int(y), int(z)
 
 
-def _with_points_on_sides(cell: Cell, points: dict[Place, NDArray[np.float64]]) -> list[Place]:
+def _with_points_on_sides(cell: Cell, points: dict[Place, Values]) -> list[Place]:
     """The ring of a cell with every known point that lies on one of its sides."""
     corners = np.array(list(points.values()))
     ring: list[Place] = []

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from eaves.geometry.components import members
@@ -35,13 +34,13 @@ class Borders(NamedTuple):
 
     edges: Integers
     cost: Values
-    places: NDArray[np.float64]
-    planes: NDArray[np.float64]
+    places: Values
+    planes: Values
     least: float
     full: float
 
 
-def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) -> Integers:
+def label_nodes(data: Values, borders: Borders, label_cost: float) -> Integers:
     """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of labels used.
 
     `data` (N, L) is the cost of each label at each node. The nodes choose one after the other, those first
@@ -77,7 +76,7 @@ def border_kernel(borders: Borders, edge: int, first: int, second: int) -> Any:
 
 @kernel
 def settle_kernel(
-    data: NDArray[np.float64],
+    data: Values,
     borders: Borders,
     label_cost: float,
     around: Integers,
@@ -193,7 +192,7 @@ def rim_kernel(
 
 @kernel
 def cost_kernel(
-    data: NDArray[np.float64],
+    data: Values,
     borders: Borders,
     labels: Integers,
     group: Integers,
@@ -269,16 +268,16 @@ class PlaneReach:
     """
 
     roof: Points
-    planes: NDArray[np.float64]
+    planes: Values
     spacing: float
-    box: NDArray[np.float64]
+    box: Values
     lowest: float
 
 
 def plane_reach(
     roof: Points,
     labels: Labels,
-    planes: NDArray[np.float64],
+    planes: Values,
     spacing: float,
     ground: float,
     farthest: float,
@@ -297,9 +296,7 @@ def plane_reach(
     return PlaneReach(roof, planes, spacing, box, ground + LOWEST_ROOF)
 
 
-def label_cells(
-    coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: NDArray[np.float64]
-) -> Integers:
+def label_cells(coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: Values) -> Integers:
     """The plane (C,) of every cell, of which `data` (C, P) has the costs."""
     planes = reach.planes
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
@@ -319,7 +316,7 @@ def label_cells(
 
 def cell_costs(
     coverage: Coverage, reach: PlaneReach, costs: LabelCosts, located: tuple[Integers, Integers]
-) -> NDArray[np.float64]:
+) -> Values:
     """The cost (C, P; m²) of every plane for every cell; `located` are roof points and the cells they lie in.
 
     Only planes near a cell may have it: those the rectangle around whose points is near the cell's.
@@ -328,7 +325,7 @@ def cell_costs(
     order = np.argsort(cell, kind="stable")
     inner = np.flatnonzero(coverage.cell != OUTSIDE)
     inner = inner[np.argsort(coverage.cell[inner], kind="stable")]
-    data: NDArray[np.float64] = cell_costs_kernel(
+    data: Values = cell_costs_kernel(
         reach.roof[point[order]],
         np.searchsorted(cell[order], np.arange(coverage.count + 1)),
         coverage.nodes[coverage.start[inner]],
@@ -349,16 +346,16 @@ def cell_costs(
 def cell_costs_kernel(
     places: Points,
     first: Integers,
-    corners: NDArray[np.float64],
+    corners: Values,
     start: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     steepness: Values,
-    box: NDArray[np.float64],
+    box: Values,
     lowest: float,
     residual_limit: float,
     gross_limit: float,
     point_area: float,
-) -> NDArray[np.float64]:
+) -> Values:
     """The residual (C, P; m²) of every plane's points in every cell, and of heights under the lowest.
 
     Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from

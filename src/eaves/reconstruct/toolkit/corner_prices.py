@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.geometry.inside import points_in_polygons
 from eaves.kernels import kernel
@@ -26,7 +25,7 @@ def settle_corners(
     coverage: Coverage,
     labels: Integers,
     roof: Points,
-    planes: NDArray[np.float64],
+    planes: Values,
     costs: LabelCosts,
     price: float,
     reach: float,
@@ -61,7 +60,7 @@ def worthwhile_moves(
     coverage: Coverage,
     labels: Integers,
     roof: Points,
-    planes: NDArray[np.float64],
+    planes: Values,
     costs: LabelCosts,
     price: float,
     reach: float,
@@ -86,7 +85,7 @@ def changes_kernel(
     points: Points,
     point: Integers,
     swept: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     gets: Integers,
     has: Integers,
     move: Integers,
@@ -112,17 +111,17 @@ def changes_kernel(
 
 @kernel
 def moves_kernel(
-    nodes: NDArray[np.float64],
+    nodes: Values,
     start: Integers,
     end: Integers,
     cell: Integers,
     twin: Integers,
     following: Integers,
     labels: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     rank: Integers,
     reach: float,
-) -> tuple[Integers, Integers, Values, NDArray[np.float64], Integers, Integers, Integers]:
+) -> tuple[Integers, Integers, Values, Values, Integers, Integers, Integers]:
     """Nodes (K,), the neighbours (K,) they could move into, the corners (K,) that saves, and what their edges
     sweep: triangles (T, 3, 2), the move of each, the label its points get, and the one they have, (T,).
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
@@ -14,7 +13,7 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygons_of
 from eaves.geometry.roof_fit import roof_point_mask
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
+from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.solids.extrude import LOWEST_ROOF
 
@@ -31,14 +30,14 @@ cells fill a roof best and worst.
 """
 
 
-def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
+def points_inside(points: Points, polygon: Polygon) -> Integers:
     """Numbers of the finite points (N, 3) inside a polygon."""
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, points[:, 0], points[:, 1])
     return np.flatnonzero(inside & np.isfinite(points).all(axis=1))
 
 
-def seen_roof(points: Points, footprint: Footprint) -> tuple[NDArray[np.int64], NDArray[np.int64]] | Failure:
+def seen_roof(points: Points, footprint: Footprint) -> tuple[Integers, Integers] | Failure:
     """Numbers of the points (N, 3) inside a footprint, and of those on the roof; a Failure of too few."""
     inside = points_inside(points, footprint.polygon)
     top = inside[roof_point_mask(points[inside])]
@@ -89,12 +88,12 @@ def level_unexplained(
 
 def support_of(
     points: Points,
-    top: NDArray[np.int64],
+    top: Integers,
     planes: list[RoofPlane],
     spacing: float,
     ground: float,
     limits: LineReconstructor,
-) -> tuple[Labels, NDArray[np.float64]]:
+) -> tuple[Labels, Values]:
     """The plane of each roof point, -1 for none (T,), and the coefficients of the planes (P, 3).
 
     `top` (T,) are the numbers of the roof points among `points` (N, 3). To the given planes come levels
@@ -113,7 +112,7 @@ def support_of(
     return labels, np.array(rows, np.float64)
 
 
-def largest_only(owner: Labels, top: NDArray[np.int64]) -> Labels:
+def largest_only(owner: Labels, top: Integers) -> Labels:
     """The planes (N,) of points, -1 for none, with those alone that have most roof points `top` (T,), at most
     `MOST_PLANES` of them.
     """
@@ -127,9 +126,9 @@ def largest_only(owner: Labels, top: NDArray[np.int64]) -> Labels:
 
 def faces_as_planes(
     model: BuildingModel,
-    coefficients: NDArray[np.float64],
+    coefficients: Values,
     points: Points,
-    top: NDArray[np.int64],
+    top: Integers,
     surface: Surface | None = None,
 ) -> tuple[RoofPlane, ...]:
     """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), with the roof points (numbers `top`) under each.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.geometry.percentiles import group_percentiles, quantile
 from eaves.model import Points, Solid, Values
@@ -51,7 +50,7 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
 
 def flat_plan(
     plan: Coverage, group: Integers, cell: Integers, heights: Values, ground: float
-) -> tuple[Coverage, NDArray[np.float64]]:
+) -> tuple[Coverage, Values]:
     """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each of its cells.
 
     `cell` and `heights` (K,) are those of the roof points.

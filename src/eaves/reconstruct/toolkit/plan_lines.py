@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.components import members
@@ -17,7 +16,7 @@ from eaves.geometry.tin import Tin
 from eaves.geometry.tolerance import COORDINATE_STEP, FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.methods import parameter
-from eaves.model import Labels, Mask, Points, Values
+from eaves.model import Integers, Labels, Mask, Points, Values
 from eaves.reconstruct.stage import Reconstructor
 from eaves.solids.coverage import OVERSHOOT
 
@@ -96,9 +95,7 @@ class Line(NamedTuple):
     support: float
 
 
-def border_places(
-    points: Points, labels: Labels, polygon: Polygon
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def border_places(points: Points, labels: Labels, polygon: Polygon) -> tuple[Integers, Values]:
     """Pairs of planes (M, 2) whose points are neighbours in a triangulation; the places between (M, 2)."""
     labelled, mark = points[labels >= 0], labels[labels >= 0].astype(np.int64)
     corners = Tin(labelled[:, :2]).triangles
@@ -137,12 +134,12 @@ def main_directions(polygon: Polygon) -> Values:
     return np.array(directions)
 
 
-def turn_by(angle: float) -> NDArray[np.float64]:
+def turn_by(angle: float) -> Values:
     """The matrix (2, 2) that turns plan coordinates, rows from the left, onto axes at an angle (radians)."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def line_directions(main: Values, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+def line_directions(main: Values, planes: Values) -> Values:
     """Normals (A, 2) along and across the footprint's `main` angles (K,), and the falls of planes (P, 3)."""
     angles = [*main, *(main + np.pi / 2)]
     for a, b, _ in planes[np.hypot(planes[:, 0], planes[:, 1]) > FLAT].tolist():
@@ -156,7 +153,7 @@ def line_directions(main: Values, planes: NDArray[np.float64]) -> NDArray[np.flo
 def candidate_lines(
     points: Points,
     labels: Labels,
-    planes: NDArray[np.float64],
+    planes: Values,
     polygon: Polygon,
     spacing: float,
     limits: LineReconstructor,
@@ -198,7 +195,7 @@ def distinct_lines(lines: list[Line], reach: float) -> list[Line]:
 
 
 @kernel
-def distinct_kernel(rows: NDArray[np.float64], reach: float) -> Mask:
+def distinct_kernel(rows: Values, reach: float) -> Mask:
     """Mask (L,) of the lines, best first, rows of the numbers of `Line`, that `distinct_lines` keeps."""
     distinct = np.ones(len(rows), np.bool_)
     for row in range(len(rows)):
@@ -220,9 +217,7 @@ def distinct_kernel(rows: NDArray[np.float64], reach: float) -> Mask:
     return distinct
 
 
-def meeting_line(
-    places: NDArray[np.float64], apart: NDArray[np.float64], spacing: float
-) -> tuple[Line | None, Mask]:
+def meeting_line(places: Values, apart: Values, spacing: float) -> tuple[Line | None, Mask]:
     """The line in which two planes meet, a, b, c `apart` (3,), where their border (M, 2) runs along it; which
     places do (M,).
     """
@@ -237,7 +232,7 @@ def meeting_line(
     return Line(a / steep, b / steep, -c / steep, low, high, float(close.sum())), close
 
 
-def divide(places: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+def divide(places: Values) -> Iterator[Values]:
     """The places (M, 2) in groups of at most `MOST_TOGETHER`, halved across their longer side."""
     if len(places) <= MOST_TOGETHER:
         yield places
@@ -247,7 +242,7 @@ def divide(places: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
         yield from divide(half)
 
 
-def step_lines(places: NDArray[np.float64], normals: NDArray[np.float64], spacing: float) -> Iterator[Line]:
+def step_lines(places: Values, normals: Values, spacing: float) -> Iterator[Line]:
     """Lines across `normals` (A, 2) through places (M, 2), again and again the strip, one spacing wide, that
     holds most of them; of each its longest stretch without a gap.
     """
@@ -273,9 +268,7 @@ def step_lines(places: NDArray[np.float64], normals: NDArray[np.float64], spacin
 
 
 @kernel
-def fullest_strip_kernel(
-    columns: NDArray[np.float64], order: NDArray[np.int64], free: Mask, width: float
-) -> tuple[int, int, int]:
+def fullest_strip_kernel(columns: Values, order: Integers, free: Mask, width: float) -> tuple[int, int, int]:
     """Direction, and first and last position in its column, of the strip with the most places in it.
 
     `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; only those
@@ -296,9 +289,7 @@ def fullest_strip_kernel(
     return best, start, stop
 
 
-def rectangle(
-    places: NDArray[np.float64], main: Values, spacing: float, limits: LineReconstructor
-) -> list[Line]:
+def rectangle(places: Values, main: Values, spacing: float, limits: LineReconstructor) -> list[Line]:
     """The sides of the least rectangle along a main direction around a plane's points (K, 2).
 
     The sides of a dormer are too short to gather border places; its rectangle is not.
@@ -320,7 +311,7 @@ def rectangle(
     ]
 
 
-def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.float64]:
+def extend(lines: list[Line], polygon: Polygon, extension: float) -> Values:
     """Segments (S, 4) of the lines, lengthened by `extension` (m) and on to the next line or footprint edge.
 
     A line that reaches only as far as its evidence would hang free and cut nothing.
@@ -340,12 +331,12 @@ def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.
 
 @kernel
 def free_ways_kernel(
-    normal: NDArray[np.float64],
+    normal: Values,
     offset: Values,
     low: Values,
     high: Values,
-    starts: NDArray[np.float64],
-    ends: NDArray[np.float64],
+    starts: Values,
+    ends: Values,
 ) -> tuple[Values, Values]:
     """Distance (L,; m) from `high` onwards and from `low` backwards to the next segment; infinite without
     one.

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.model import PointCloud
+from eaves.model import PointCloud, Values
 from eaves.model.checks import check_positive
 from eaves.model.cloud import BUILDING, GROUND, UNCLASSIFIED
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace, ExactScene
@@ -200,7 +199,7 @@ def nine_roofs_on_a_slope(density: float = 10.0, noise: float = 0.02, seed: int 
     return sample_from_above(tuple(buildings), 3 * PITCH, density, noise, seed)
 
 
-def _ground_at(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ground_at(xy: Values) -> Values:
     return np.asarray(SLOPE[0] * xy[:, 0] + SLOPE[1] * xy[:, 1] + SLOPE[2])
 
 

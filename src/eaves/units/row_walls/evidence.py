@@ -8,13 +8,12 @@ decides.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
 from eaves.geometry.planes import CALM_QUANTILE, measure_noise
 from eaves.kernels import kernel
-from eaves.model import Points
+from eaves.model import Points, Values
 from eaves.units.row_walls.rows import CELL_M, HouseRow
 
 DEPTH_STEP_M = 0.5
@@ -62,7 +61,7 @@ def roof_noise(points: Points) -> float:
     return max(measured, USUAL_NOISE_M)
 
 
-def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float64]:
+def wall_signs(row: HouseRow, points: Points, noise: float) -> Values:
     """The signs (S + 1, 3) of a wall at each step along the row, from its roof points (N, 3): the share
     of its depth that steps, the mean folds (slopes) of valleys and of ridges."""
     s, t = row.coordinates(points[:, :2])
@@ -79,12 +78,12 @@ WEIGHTS = {"one": -4.7, "share": 6.13, "ridge": -12.59, "full valley": 3.03}
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
 
 
-def wall_odds(signs: NDArray[np.float64]) -> NDArray[np.float64]:
+def wall_odds(signs: Values) -> Values:
     """Log-odds (S + 1,) of a party wall from its signs (S + 1, 3), by logistic regression."""
     return np.asarray(traits_of(signs) @ np.array(list(WEIGHTS.values())))
 
 
-def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
+def traits_of(signs: Values) -> Values:
     """The columns (S + 1, K) that `WEIGHTS` weigh."""
     share, valley, ridge = signs.T
     full = np.clip(2.0 * valley - 0.5, 0.0, 1.0)
@@ -93,12 +92,12 @@ def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @kernel
 def moments_kernel(
-    s: NDArray[np.float64],
-    t: NDArray[np.float64],
-    z: NDArray[np.float64],
+    s: Values,
+    t: Values,
+    z: Values,
     depths: int,
     steps: int,
-) -> NDArray[np.float64]:
+) -> Values:
     """Running sums (D, S + 1, 10) of 1, s, t, s², s t, t², z, s z, t z, z² along each of D lines of S steps.
 
     A point counts for the four nearest nodes by its nearness to each, so that it passes from one to the next
@@ -134,7 +133,7 @@ def moments_kernel(
 
 @kernel
 def side_kernel(
-    sums: NDArray[np.float64], at: int, way: int, room: int, s0: float, t0: float, noise: float
+    sums: Values, at: int, way: int, room: int, s0: float, t0: float, noise: float
 ) -> tuple[float, float, float, float]:
     """Planarity (0 to 1) of the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`;
     how many they are, the height of their plane at (s0, t0), and its slope along the row.
@@ -173,9 +172,7 @@ def side_kernel(
 
 
 @kernel
-def signs_kernel(
-    sums: NDArray[np.float64], ground: NDArray[np.float64], window: int, noise: float
-) -> NDArray[np.float64]:
+def signs_kernel(sums: Values, ground: Values, window: int, noise: float) -> Values:
     """The signs at each of S + 1 steps; see `wall_signs`."""
     depths, steps = ground.shape
     signs = np.zeros((steps + 1, 3))

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Points, Values
+from eaves.model import Integers, Points, Values
 from eaves.units.row_walls.division import (
     MergeRules,
     RowUnits,
@@ -162,7 +161,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         return np.asarray(self.odd_share * broad + (1.0 - self.odd_share) * peak * self.width_range)
 
 
-def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
+def directions_of(outline: Polygon, shortest: float) -> Values:
     """Unit vectors (K, 2) along the edges of an outline, those with most length first, each once and with at
     least the `shortest` length (m).
     """
@@ -211,9 +210,7 @@ def odds_of_several(rows: Sequence[RowUnits], odds: Sequence[Values], points: in
     return float(traits @ np.array(list(WEIGHTS.values())))
 
 
-def traits_of_block(
-    rows: Sequence[RowUnits], odds: Sequence[Values], points: int, area: float
-) -> NDArray[np.float64]:
+def traits_of_block(rows: Sequence[RowUnits], odds: Sequence[Values], points: int, area: float) -> Values:
     """The columns (5,) that `WEIGHTS` weigh: 1, the logarithms of the units to expect, of the density
     (points/m²) and of how much deeper the row of most units is, the log-odds of the second wall.
     """
@@ -256,7 +253,7 @@ def chances_of(odds: Values, width_odds: Values, prior: Values) -> Values:
     return np.asarray(chance)
 
 
-def likely_walls(chance: Values, least: float) -> tuple[NDArray[np.int64], Values]:
+def likely_walls(chance: Values, least: float) -> tuple[Integers, Values]:
     """The steps (W,) near which divisions agree on a wall, and the share of them (W,), at least `least`.
 
     A wall stands at the mean of the places that divisions give it.

@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.inside import edges_of
 from eaves.methods import Method, parameter
-from eaves.model import Mask, Points
+from eaves.model import Integers, Mask, Points, Values
 
 CELL_M = 0.25
 """Side of a cell (m) of the plan on which rows claim their ground; the finest that a wall's place needs."""
@@ -87,7 +86,7 @@ class Plan:
     """Cells of a block: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
 
     main: Mask
-    height: NDArray[np.float64]
+    height: Values
     """Mean height (m) of the points in each cell (H, W), NaN where there is none."""
     west: float
     south: float
@@ -116,9 +115,7 @@ class Plan:
         height = np.where(count > 1e-9, total / np.maximum(count, 1e-9), np.nan)
         return cls(main.reshape(rows, columns), height, west, south, outline)
 
-    def cells(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def cells(self, x: Values, y: Values) -> tuple[Integers, Integers]:
         """Row and column of the cells that places lie in, held inside the plan's empty rim."""
         rows, columns = self.main.shape
         column = ((x - self.west) / CELL_M).astype(np.int64)
@@ -133,44 +130,42 @@ class HouseRow:
     `first` and `last` (S,) bound t (m) over each step of s; where they are equal the row has no ground.
     """
 
-    origin: NDArray[np.float64]
-    along: NDArray[np.float64]
-    across: NDArray[np.float64]
-    first: NDArray[np.float64]
-    last: NDArray[np.float64]
+    origin: Values
+    along: Values
+    across: Values
+    first: Values
+    last: Values
 
     @property
     def length(self) -> float:
         """Of the front (m)."""
         return len(self.first) * CELL_M
 
-    def grid(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def grid(self) -> tuple[Values, Values]:
         """Row coordinates s, t (T, S) of a grid of cells over the row."""
         s = (np.arange(len(self.first)) + 0.5) * CELL_M
         filled = self.last > self.first
         return np.meshgrid(s, np.arange(self.first[filled].min(), self.last.max(), CELL_M) + 0.5 * CELL_M)
 
-    def ground(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def ground(self) -> tuple[Values, Values]:
         """x, y (M,) of the middles of the row's cells."""
         s, t = self.grid()
         inside = (t >= self.first) & (t < self.last)
         return self.place(s[inside], t[inside])
 
-    def place(
-        self, s: NDArray[np.float64], t: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def place(self, s: Values, t: Values) -> tuple[Values, Values]:
         """x, y of row coordinates."""
         x, y = (self.origin[k] + s * self.along[k] + t * self.across[k] for k in range(2))
         return x, y
 
-    def coordinates(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def coordinates(self, xy: Values) -> tuple[Values, Values]:
         """Row coordinates s, t (N,) of places (N, 2)."""
         turn = np.linalg.inv(np.column_stack([self.along, self.across]))
         x, y = xy[:, 0] - self.origin[0], xy[:, 1] - self.origin[1]
         s, t = (x * a + y * b for a, b in turn)
         return s, t
 
-    def rim(self) -> NDArray[np.float64]:
+    def rim(self) -> Values:
         """Places (M, 2) around the row's ground, from step to step."""
         filled = np.flatnonzero(self.last > self.first)
         s = CELL_M * np.concatenate([filled + 0.5, filled[::-1] + 0.5])
@@ -184,9 +179,7 @@ class HouseRow:
         return LineString(np.column_stack(self.place(s, t)))
 
 
-def fronts_of(
-    outline: Polygon, directions: NDArray[np.float64], limits: RowRules
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def fronts_of(outline: Polygon, directions: Values, limits: RowRules) -> Iterator[tuple[Values, Values]]:
     """Start and end (2,) of the straight fronts of an outline along directions (K, 2), the interior on their
     left: edges along one direction that follow each other on a ring with no more than a jog between them.
     """
@@ -211,9 +204,7 @@ def fronts_of(
                     yield s[edges].min() * along + offset * across, s[ends].max() * along + offset * across
 
 
-def chains_of(
-    edges: NDArray[np.int64], s: NDArray[np.float64], t: NDArray[np.float64], limits: RowRules
-) -> list[NDArray[np.int64]]:
+def chains_of(edges: Integers, s: Values, t: Values, limits: RowRules) -> list[Integers]:
     """The edges (K,) of a ring of places s, t (N,), by their first vertices, in chains: from each to the next
     the ring leaves the front by no more than a jog."""
     linked = []
@@ -225,13 +216,13 @@ def chains_of(
     return np.split(np.roll(edges, -cuts[0] - 1), cuts[1:] - cuts[0]) if len(cuts) else [edges] * bool(linked)
 
 
-def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
+def by_length(front: tuple[Values, Values]) -> tuple[float, float, float]:
     """The key that sorts fronts, longest first, then by place."""
     start, end = front
     return -round(float(np.hypot(*(end - start))), 3), float(start[0]), float(start[1])
 
 
-def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[HouseRow]:
+def rows_of(plan: Plan, directions: Values, limits: RowRules) -> Iterator[HouseRow]:
     """The rows of a block, longest front first; what one claims no other has.
 
     `directions` (K, 2) are unit vectors along which fronts run, and walls, where they do not stand upright.
@@ -270,9 +261,7 @@ def square_share(plan: Plan, row: HouseRow, limits: RowRules) -> float:
     return float(length[square].sum() / max(length.sum(), CELL_M))
 
 
-def leaning(
-    directions: NDArray[np.float64], upright: NDArray[np.float64], most_lean: float
-) -> list[NDArray[np.float64]]:
+def leaning(directions: Values, upright: Values, most_lean: float) -> list[Values]:
     """The directions (K, 2) that stand within `most_lean` (degrees) of upright, pointing the same way."""
     turned = directions * np.sign(directions @ upright)[:, None]
     cosine = turned @ upright
@@ -297,9 +286,9 @@ def coherence(plan: Plan, row: HouseRow) -> float:
 def ground_behind(
     outline: BaseGeometry,
     free: BaseGeometry,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    across: NDArray[np.float64],
+    start: Values,
+    end: Values,
+    across: Values,
     limits: RowRules,
 ) -> HouseRow | None:
     """The ground behind a front, to where the outline ends; None where others have claimed it.
@@ -343,16 +332,16 @@ class Chords(NamedTuple):
     """Pieces of lines across a row, one in the middle of each step, that lie in a shape: the step and the
     first and last t (m) of each piece (M,), step by step from the front."""
 
-    step: NDArray[np.int64]
-    first: NDArray[np.float64]
-    last: NDArray[np.float64]
+    step: Integers
+    first: Values
+    last: Values
 
 
 def chords_of(
     shape: BaseGeometry,
-    origin: NDArray[np.float64],
-    along: NDArray[np.float64],
-    across: NDArray[np.float64],
+    origin: Values,
+    along: Values,
+    across: Values,
     steps: int,
     jog: float,
 ) -> Chords:
