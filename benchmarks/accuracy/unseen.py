@@ -33,9 +33,9 @@ from benchmarks.survey_variants import (
     survey_of,
 )
 from benchmarks.table import commit_now, keep, kept_rows
-from eaves.blocks.block_file import open_block
 from eaves.flow.region import open_region
 from eaves.flow.run import no_progress, open_run
+from eaves.flow.steps import REGIONS
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
 from eaves.pipeline import bring_points, find_plans
@@ -118,7 +118,7 @@ def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[st
                 raise RuntimeError(region.failed[0])
             got = np.zeros(len(survey.xyz), bool)
             for block in region.blocks:
-                with open_block(region.store, block) as file:
+                with REGIONS.result(region.store, block) as file:
                     got[file.points(file.candidate[file["label"] > 0])["point_id"]] = True
             found = sum(len(plan.buildings) for plan in plans)
             yield column, compared(survey.xyz[known], got[known], want[known], found)

@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Unpack
 
+from eaves.buildings.building_file import Kept
 from eaves.flow import region as steps
 from eaves.flow.outputs import finished_models, write_outputs
 from eaves.flow.region import Core, Region, TooNarrowError
@@ -150,7 +151,7 @@ def model_buildings(
         with hold_folder(run) as workers:
             region = steps.open_region(run, workers, no_progress)
             bring_points(region)
-            models = list(finished_models(region.store, find_buildings(region)))
+            models = list(finished_models(Kept(region.store), find_buildings(region)))
         buildings = ModelledBuildings(models, region.store.system, run.provenance)
         if region.failed:
             raise IncompleteRunError(region.failed, buildings)

@@ -186,6 +186,24 @@ def test_results_that_are_missing_are_computed_again__with_the_same_bytes(out: P
     assert all((out / name).read_bytes() == (tmp_path / "without" / name).read_bytes() for name in FILES)
 
 
+def test_an_update_that_was_broken_off_is_made_again__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
+    name, shape = next(iter(buildings(out).items()))
+    edit, broken = Edit(FOOTPRINT, shapely.buffer(shape, -1.0, join_style="mitre"), name), tmp_path / "broken"
+    shutil.copytree(out, broken)
+    write_edits(tmp_path / "edit.gpkg", [edit], LOCAL_METRES)
+
+    def stop(step: str, done: int, total: int) -> None:
+        if step == "write" and done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        update(broken, edits=tmp_path / "edit.gpkg", progress=stop)
+    for folder in (out, broken):
+        update(folder, edits=tmp_path / "edit.gpkg")
+    assert all((out / name).read_bytes() == (broken / name).read_bytes() for name in FILES)
+    assert not (broken / ".eaves-work" / "earlier").exists()
+
+
 def test_an_edit_is_said_once__in_columns_of_the_table(out: Path) -> None:
     name, shape = next(iter(buildings(out).items()))
     corrected(out, Edit(FLAT_ROOF, shape, name))
@@ -212,6 +230,9 @@ def test_a_building_that_a_person_drew_and_took_back_is_none(out: Path) -> None:
 def test_without_a_run_the_remedy_is_told(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     with pytest.raises(InputError, match="build it again with --keep"):
+        update(tmp_path / "out")
+    (tmp_path / "out" / "run.json").write_text(json.dumps({"tiles": 2}))
+    with pytest.raises(InputError, match="build a part of it with --bounds and --keep"):
         update(tmp_path / "out")
 
 

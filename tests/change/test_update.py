@@ -16,7 +16,7 @@ import pytest
 import shapely
 from pyproj import CRS
 
-from eaves.blocks.superseded import GAP_CELLS, find_superseded, load_scans, pair_same, see_scans
+from eaves.blocks.superseded import GAP_CELLS, find_superseded, pair_same, see_scans
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.change.upkeep.kept import open_again
 from eaves.change.upkeep.update import Updated, date_of, update
@@ -28,6 +28,7 @@ from eaves.pipeline import build
 from eaves.run.keys import SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import check_folder
+from eaves.run.points import load_scans
 from eaves.run.store import RECORD, Store
 from eaves.run.world_squares import ring
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation

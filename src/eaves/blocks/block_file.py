@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, reduce
 from pathlib import Path
@@ -17,9 +17,7 @@ from eaves.model.cloud import BUILDING, GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
-from eaves.run.keys import REGIONS
 from eaves.run.part_file import open_part
-from eaves.run.store import Store
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -124,11 +122,6 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     }
 
 
-def open_block(store: Store, block: Block) -> BlockFile:
-    """The result of the block pass in one block; to be used in a `with` statement."""
-    return BlockFile(store.path(REGIONS, block), block, store)
-
-
 def block_json(value: object) -> NDArray[np.uint8]:
     """A value as JSON in bytes."""
     return np.frombuffer(json.dumps(value).encode(), np.uint8)
@@ -161,8 +154,8 @@ def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
 class BlockFile:
     """The file of one block, opened; use it in a `with` statement."""
 
-    def __init__(self, path: Path, block: Block, store: Store) -> None:
-        self.block, self._store = block, store
+    def __init__(self, path: Path, block: Block, read_points: Callable[[Block], NDArray[np.void]]) -> None:
+        self.block, self._read_points = block, read_points
         self._file: Any = open_part(path)
         self.about: dict[str, Any] = json.loads(self._file["about"].tobytes())
 
@@ -193,7 +186,7 @@ class BlockFile:
 
     def points(self, which: NDArray[np.integer] | None = None) -> NDArray[np.void]:
         """The records of the block's points, or of some (K,) of them, as the store keeps them."""
-        records, file = self._store.read_points(self.block), self["from_file"]
+        records, file = self._read_points(self.block), self["from_file"]
         if not len(file):
             return records if which is None else records.take(which)
         # the points of each file are in canonical order, as all of them are

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Block, Bounds, Mask
+from eaves.model.block import extremes
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.model.doubt import Doubt
-from eaves.run.store import Store, stored_extent
 from eaves.run.world_squares import within
 from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 
@@ -96,6 +96,9 @@ def large_objects(large: Mapping[Block, tuple[Patch, ...]]) -> WideObjects:
     return WideObjects(tuple(patches))
 
 
-def load_points(store: Store, block: Block) -> tuple[Records, bool]:
-    """The points of a block, and whether the files classify them."""
-    return store.read_points(block), store.has_classes
+def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
+    """World metres (half-open) of points (N, 3) in quanta about a block's corner; None for no points."""
+    if len(quanta) == 0:
+        return None
+    low, high = extremes(quanta[:, :2])
+    return Bounds(*map(float, (*low * GRID_STEP, *(high + 1) * GRID_STEP))).translated(*block.origin)

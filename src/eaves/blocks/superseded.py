@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from eaves.model import Block, Mask
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.raster.squares import closed_by_square
-from eaves.run.store import Store, join_records, map_records
+from eaves.run.store import join_records
 
 Records = NDArray[Any]
 
@@ -30,12 +29,6 @@ MARGIN = 2 * GAP_CELLS + 1
 
 SAME = ("x", "y", "z", "return_number", "number_of_returns", "classification")
 """Two points that agree in these are one: a tile delivered again changes only what differs in it."""
-
-
-def load_scans(store: Store, block: Block) -> list[tuple[int, Records]]:
-    """The points of a block as they were read, those of each file with the number of its input."""
-    files = files_of(store, block)
-    return [(scan_number(path), records) for path in files for records in map_records([path])]
 
 
 def see_scans(
@@ -107,16 +100,6 @@ def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:
     paired = np.zeros(len(both), bool)
     paired[order] = rank < pairs
     return paired[: len(old)], paired[len(old) :]
-
-
-def files_of(store: Store, block: Block) -> list[Path]:
-    """The files of a block's points, in their order."""
-    return sorted(store.points_path(block).glob("*.bin"))
-
-
-def scan_number(path: Path) -> int:
-    """The number of the input that a file's points are from."""
-    return int(path.stem.split("-")[0])
 
 
 def scan_cells(records: Records, block: Block) -> NDArray[np.int64]:

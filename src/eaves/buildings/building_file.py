@@ -15,7 +15,7 @@ from eaves.figures.rows import BuildingRow
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED
-from eaves.run.part_file import open_part, pack_item, unpack_item
+from eaves.run.part_file import load_arrays, open_part, pack_item, unpack_item
 from eaves.run.store import Store
 
 ROWS, ANSWERS = "rows", "answers"
@@ -142,9 +142,10 @@ def row_of(values: Mapping[str, Any]) -> BuildingRow:
     return BuildingRow(**values)
 
 
-def load_buildings(store: Store, owner: Block) -> list[SavedBuilding]:
-    """The buildings owned by one block, as the building step found them."""
-    return Kept(store, (BUILDINGS,)).saved(owner)
+def load_buildings(path: Path) -> list[SavedBuilding]:
+    """The buildings of a file, as they were saved."""
+    with open_part(path) as file:
+        return saved_buildings(file)
 
 
 @dataclass(frozen=True)
@@ -166,10 +167,7 @@ class Kept:
     def saved(self, owner: Block) -> list[SavedBuilding]:
         """The buildings owned by one block, as they were saved."""
         path = self.path(owner)
-        if path is None:
-            return []
-        with open_part(path) as file:
-            return saved_buildings(file)
+        return [] if path is None else load_buildings(path)
 
     def rows(self, owners: Sequence[Block]) -> Iterator[BuildingRow]:
         """The rows of all buildings, owner block by owner block."""
@@ -203,3 +201,9 @@ class Kept:
 def as_found(store: Store) -> Kept:
     """The buildings of a store as its run found them, before any edit."""
     return Kept(store, (NAMED, BUILDINGS))
+
+
+def load_found(store: Store, owner: Block) -> dict[str, NDArray[Any]]:
+    """The arrays of the buildings of a block as its run found them; empty for none."""
+    path = as_found(store).path(owner)
+    return {} if path is None else load_arrays(path)

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile
-from eaves.buildings.building_file import SavedBuilding, as_found, building_arrays, saved_buildings
+from eaves.buildings.building_file import SavedBuilding, building_arrays, saved_buildings
 from eaves.buildings.gather import MARGIN, Gatherer, blocks_in
 from eaves.buildings.join import BuildingPlan, about
 from eaves.buildings.owned import try_building
 from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
-from eaves.run.part_file import load_arrays
-from eaves.run.store import Store
 from eaves.run.world_squares import squares_touching
 
 VERSION, CREATED = "version", "creationDate"
@@ -77,12 +75,6 @@ class GatheredOrders:
     found: Mapping[str, NDArray[Any]]
     outlines: Mapping[str, Footprint]
     points: Mapping[str, BuildingPoints | Failure]
-
-
-def load_found(store: Store, owner: Block) -> dict[str, NDArray[Any]]:
-    """The arrays of the buildings of a block as its run found them; empty for none."""
-    path = as_found(store).path(owner)
-    return {} if path is None else load_arrays(path)
 
 
 def see_orders(

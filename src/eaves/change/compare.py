@@ -34,7 +34,6 @@ from eaves.figures.party_walls import PARTY_GAP
 from eaves.flow.advice import STRIP_CELL
 from eaves.flow.run import Progress, no_progress
 from eaves.model import Block, Bounds, PointCloud, Points
-from eaves.model.block import BLOCK_SIDE
 from eaves.model.cloud import NOISE_CLASSES
 
 BESIDE_M = 1.5
@@ -85,9 +84,7 @@ def compare(
         epochs: list[Epoch] = []
         for name, folder in (("old", Path(old)), ("new", Path(new))):
             target = epochs[0].system if epochs else None
-            epochs.append(
-                open_epoch(folder, place / name, target, BLOCK_SIDE, partial(progress, f"read {name}"))
-            )
+            epochs.append(open_epoch(folder, place / name, target, partial(progress, f"read {name}")))
         return Comparer(epochs[0], epochs[1], rules or ChangeRules(), progress).compare()
     finally:
         shutil.rmtree(place, ignore_errors=True)

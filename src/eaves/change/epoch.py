@@ -14,16 +14,15 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from eaves.footprints.read import in_metres
+from eaves.flow.region import Region, open_region, read_points
+from eaves.flow.run import open_run
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.points.classified import is_classified
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
-from eaves.run.index import Index, index_inputs
 from eaves.run.manifest import MANIFEST, read_facts, read_manifest
-from eaves.run.partition import Window, file_slices, partition_slice
 from eaves.run.points import load_window
-from eaves.run.store import Store
+from eaves.run.workers import Workers
 from eaves.run.world_squares import squares_of
 
 log = logging.getLogger("eaves")
@@ -43,15 +42,19 @@ class Building:
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """One epoch: where its results are, its buildings, and its points in a store of its own."""
+    """One epoch: where its results are, its buildings, and its points by block."""
 
     folder: Path
     system: CoordinateSystem
     """Of the comparison, which the outlines are in."""
     buildings: tuple[Building, ...]
-    index: Index
-    store: Store
-    side: float
+    region: Region
+    """Its points, as a run brings them to their blocks."""
+
+    @property
+    def side(self) -> float:
+        """Side of a block (m)."""
+        return self.region.run.side
 
     @property
     def name(self) -> str:
@@ -61,7 +64,7 @@ class Epoch:
     @cached_property
     def _move(self) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
         """From the files' plane coordinates (metres) to the comparison's, and back; None where they agree."""
-        inner, wanted = horizontal_crs(self.store.system), horizontal_crs(self.system)
+        inner, wanted = horizontal_crs(self.region.store.system), horizontal_crs(self.system)
         if inner is None or wanted is None or inner.equals(wanted, ignore_axis_order=True):
             return None
         from pyproj import Transformer
@@ -73,7 +76,7 @@ class Epoch:
 
     def blocks(self) -> list[Block]:
         """The blocks of the comparison's system that may have points."""
-        own = self.store.blocks(self.side)
+        own = self.region.store.blocks(self.side)
         if self._move is None:
             return own
         found: set[Block] = set()
@@ -85,11 +88,11 @@ class Epoch:
         """The points of a block of the comparison's system, and of its surroundings up to `reach` (m), about
         its corner, in canonical order."""
         if self._move is None:
-            return load_window(self.store, block, reach).cloud
+            return load_window(self.region.store, block, reach).cloud
         wanted = block.bounds.buffered(reach)
         pieces = []
         for own in squares_of(self.moved(wanted, 1), self.side):
-            cloud = load_window(self.store, own, 0.0).cloud
+            cloud = load_window(self.region.store, own, 0.0).cloud
             if len(cloud):
                 world = cloud.xyz + np.array([*own.origin, 0.0])
                 world[:, :2] = self.plane(world[:, :2], 0)
@@ -97,7 +100,7 @@ class Epoch:
                 pieces.append((cloud, world, inside))
         if not pieces:
             nowhere = Block(block.column, block.row, self.side)
-            return load_window(self.store, nowhere, 0.0).cloud.take(np.zeros(0, np.int64))
+            return load_window(self.region.store, nowhere, 0.0).cloud.take(np.zeros(0, np.int64))
         arrays = {
             name: np.concatenate([getattr(cloud, name)[inside] for cloud, _, inside in pieces])
             for name in ("return_number", "number_of_returns", "classification", "point_id")
@@ -110,7 +113,7 @@ class Epoch:
         """Plane coordinates (N, 2) in metres taken to the comparison's system (0), or back (1)."""
         if self._move is None:
             return xy
-        units = self.store.system.horizontal_unit_m, self.system.horizontal_unit_m
+        units = self.region.store.system.horizontal_unit_m, self.system.horizontal_unit_m
         x, y = self._move[way](*(xy / units[way]).T)
         return np.column_stack([x, y]) * units[1 - way]
 
@@ -124,13 +127,9 @@ class Epoch:
 
 
 def open_epoch(
-    folder: Path,
-    work: Path,
-    target: CoordinateSystem | None,
-    side: float,
-    progress: Callable[[int, int], None],
+    folder: Path, work: Path, target: CoordinateSystem | None, progress: Callable[[int, int], None]
 ) -> Epoch:
-    """The epoch in a run's folder, its points brought to blocks under `work`.
+    """The epoch in a run's folder, its classified points read as those of a run are.
 
     Parameters
     ----------
@@ -140,8 +139,6 @@ def open_epoch(
         Folder for the points by block; the caller removes it.
     target
         The system of the comparison; None for the folder's own.
-    side
-        Side of a block (m).
     progress
         Called with the number of points read, and of all.
 
@@ -150,14 +147,15 @@ def open_epoch(
     InputError
         When the folder holds no complete run, or not what a comparison needs.
     """
-    points = run_points(folder)
-    failed: list[str] = []
-    index = index_inputs(points, None, failed, crs_force=True)
-    if failed:
-        raise InputError(failed[0])
+    points, facts = run_points(folder), read_facts(folder)
+    if facts.get("clip"):
+        log.warning("%s: built with --clip; what lies outside counts as seen, without buildings", folder)
+    # of its classified points a run used those in its bounds
+    bounds = facts.get("bounds")
+    run = open_run(points, work, bounds=bounds, crs_force=True, allow_empty=True, outputs=("models",), jobs=1)
     polygons, _, rows, _ = read_polygons(folder / "footprints.gpkg", "footprints", target=target)
-    target = index.system if target is None else target
-    if (index.system.wkt is None) != (target.wkt is None):
+    target = run.index.system if target is None else target
+    if (run.index.system.wkt is None) != (target.wkt is None):
         raise InputError.about(
             folder,
             "has no reference system and the other epoch has one, or the other way round",
@@ -167,22 +165,11 @@ def open_epoch(
         Building(str(row["id"]), shapely.make_valid(polygon), row)
         for polygon, row in zip(polygons, rows, strict=True)
     )
-    has = index.has_field
-    store = Store(work, has_returns=has("return_number"), has_classes=True, system=index.system)
-    store.prepare()
-    read = 0
-
-    def count(points: int) -> None:
-        nonlocal read
-        read += points
-        progress(read, index.points)
-
-    window = window_of(folder, index.system)
-    for part in file_slices(index):
-        mark, _ = partition_slice(part, store, side, window, count)
-        if mark.unread is not None:
-            raise InputError(mark.unread)
-    return Epoch(folder, target, buildings, index, store, side)
+    region = open_region(run, Workers(), lambda step, done, total: progress(done, total))
+    read_points(region)
+    if region.failed:
+        raise InputError(region.failed[0])
+    return Epoch(folder, target, buildings, region)
 
 
 def run_points(folder: Path) -> list[Path]:
@@ -207,12 +194,3 @@ def run_points(folder: Path) -> list[Path]:
     if missing:
         raise InputError.about(folder / missing[0], "is missing", "run again")
     return [folder / name for name in names]
-
-
-def window_of(folder: Path, system: CoordinateSystem) -> Window:
-    """The points that a run used: those in its bounds. Its classified points hold the others, too."""
-    run = read_facts(folder)
-    if run.get("clip"):
-        log.warning("%s: built with --clip; what lies outside counts as seen, without buildings", folder)
-    bounds = run.get("bounds")
-    return Window(None if bounds is None else in_metres(Bounds(*bounds), system))

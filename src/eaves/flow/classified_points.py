@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.blocks.block_file import open_block
+from eaves.blocks.block_file import BlockFile
 from eaves.buildings.building_file import Kept
 from eaves.flow.numbers import read_numbers
 from eaves.flow.run import Run
@@ -32,7 +32,6 @@ from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
 from eaves.run.keys import key_of
 from eaves.run.manifest import entry_of, known_files
 from eaves.run.partition import Window, file_slices
-from eaves.run.store import Store
 
 log = logging.getLogger("eaves")
 TYPES: dict[str, Any] = {
@@ -80,10 +79,10 @@ class PointColumn:
         return np.fromfile(self.path, self.dtype, stop - start, offset=(self.first + start) * size)
 
 
-def known_copies(folder: Path, store: Store) -> dict[str, Path]:
+def known_copies(folder: Path, work: Path) -> dict[str, Path]:
     """The classified points in a run's folder by the keys of what they follow from, those that are as the run
-    wrote them."""
-    keys, path = known_files(folder), store.folder / KEYS
+    wrote them; `work` holds the results that it kept."""
+    keys, path = known_files(folder), work / KEYS
     words = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return {
         key: folder / name
@@ -93,9 +92,9 @@ def known_copies(folder: Path, store: Store) -> dict[str, Path]:
 
 
 def write_points(
-    store: Store,
     run: Run,
-    blocks: Sequence[Block],
+    kept: Kept,
+    regions: Mapping[Block, BlockFile],
     owners: Sequence[Block],
     sink: PointSink | None = None,
     copies: Mapping[str, Path] | None = None,
@@ -108,9 +107,9 @@ def write_points(
         When an input is no longer what it was when the run began.
     """
     index, single, windowed = run.index, run.classified, run.window != Window()
-    labels = store.folder / "labels"
-    gather_labels(labels, store, index, blocks, owners)
-    records = copies_of(store, index)
+    labels = run.work_folder / "labels"
+    gather_labels(labels, index, kept, regions, owners)
+    records = copies_of(index, kept.store.records_path)
     written: dict[Path, str] = {}
     names: set[str] = set()
     for number in range(len(index)):
@@ -151,7 +150,7 @@ def write_points(
             raise
     shutil.rmtree(labels)
     if run.options["keep"]:
-        with atomic(store.folder / KEYS) as temporary:
+        with atomic(run.work_folder / KEYS) as temporary:
             words = {path.name: key for path, key in written.items()}
             temporary.write_text(json.dumps(words), encoding="utf-8")
     return list(written)
@@ -178,16 +177,21 @@ def key_of_columns(columns: Mapping[str, PointColumn], mark: bytes, made_from: P
     return key_of(code, mark, made_from, [key_of(piece) for piece in pieces])
 
 
-def copies_of(store: Store, index: Index) -> dict[int, list[Path]]:
-    """The files with the records of the inputs that were copied whole as they were read, by input."""
+def copies_of(index: Index, path_of: Callable[[str], Path]) -> dict[int, list[Path]]:
+    """The files with the records of the inputs that were copied whole as they were read, by input; `path_of`
+    says where that of a part lies."""
     paths: dict[int, list[Path]] = {}
     for part in file_slices(index):
-        paths.setdefault(part.number, []).append(store.records_path(part.name))
+        paths.setdefault(part.number, []).append(path_of(part.name))
     return {number: some for number, some in paths.items() if all(path.exists() for path in some)}
 
 
 def gather_labels(
-    folder: Path, store: Store, index: Index, blocks: Sequence[Block], owners: Sequence[Block]
+    folder: Path,
+    index: Index,
+    kept: Kept,
+    regions: Mapping[Block, BlockFile],
+    owners: Sequence[Block],
 ) -> None:
     """Fill the files of labels in a folder; they are opened anew for every block, for pages stay in memory
     till then."""
@@ -199,28 +203,28 @@ def gather_labels(
     def opened(name: str) -> np.memmap[Any, Any]:
         return np.memmap(folder / f"{name}.bin", TYPES[name], "r+", shape=(total,))
 
-    kept = read_numbers(store)
+    numbers = read_numbers(kept)
     number, first_plane = 0, 0
     for owner in owners:
         buildings, planes = opened("building_id"), opened("plane_id")
-        names = [] if kept is None else [str(row.values["id"]) for row in Kept(store).rows([owner])]
-        for place, (point_id, plane) in enumerate(Kept(store).planes(owner)):
-            if kept is None:
+        names = [] if numbers is None else [str(row.values["id"]) for row in kept.rows([owner])]
+        for place, (point_id, plane) in enumerate(kept.planes(owner)):
+            if numbers is None:
                 number += 1
             else:
-                number, first_plane, _ = kept.of[names[place]]
+                number, first_plane, _ = numbers.of[names[place]]
             buildings[point_id] = number
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
-    for block in blocks:
-        with open_block(store, block) as file:
+    for result in regions.values():
+        with result as file:
             point_id = file.points()["point_id"]
             classes, part = file["classification"], file["part"]
         classes[opened("building_id")[point_id] > 0] = BUILDING
         opened("classes")[point_id] = classes
         opened("part")[point_id] = part
-    for block in store.units(SUPERSEDED_POINTS, BLOCK_SIDE):
-        opened("classes")[store.superseded(block)] = SUPERSEDED
+    for block in kept.store.units(SUPERSEDED_POINTS, BLOCK_SIDE):
+        opened("classes")[kept.store.superseded(block)] = SUPERSEDED
 
 
 def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = PIECE) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,16 @@ from rasterio.features import rasterize
 from rasterio.transform import Affine
 from shapely import LineString, Polygon
 
-from eaves.blocks.block import see_block
+from eaves.blocks.block import BlockView, see_block
 from eaves.detect import detect_buildings
 from eaves.detect.consensus.method import CELL_SPACINGS, LEAST_CELL_M
 from eaves.detect.toolkit.cells import side_near
 from eaves.flow.run import Run
-from eaves.flow.step import Work
+from eaves.flow.step import Step
 from eaves.flow.steps import GROUND, REGIONS
 from eaves.formats.rasters.geotiff import write_raster
 from eaves.ground import classify_ground
+from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.methods import REGISTRY, Emit
 from eaves.model import Block, Bounds, BuildingModel, Failure, Points, Raster
 from eaves.outline import regularise_outlines, trace_outline
@@ -28,7 +29,6 @@ from eaves.raster.grid import empty_raster, heights_of, highest_points, whole_ce
 from eaves.recipe.sources import find_source
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
-from eaves.run.store import Store
 
 COLUMNS, PANEL_INCHES, TITLE_INCHES, DOTS_AN_INCH = 4, 2.6, 0.3, 110
 
@@ -110,11 +110,11 @@ def lines_of(value: Any) -> list[LineString]:
     return lines_of(getattr(value, "polygon", getattr(value, "xy", None))) if value is not None else []
 
 
-def block_steps(store: Store, run: Run, block: Block) -> StepMaps:
-    """The map of each step of one block, by stage and name, and its models, about the origin of the block."""
+def block_steps(run: Run, view: BlockView, wide: WideObjects | None) -> StepMaps:
+    """The map of each step of one block, by stage and name, and its models, about the origin of the block; of
+    all that decides its regions, and the large objects near it."""
     recipe = run.recipe
-    view, wide = Work.of(REGIONS, run).see(block, store), Work.of(GROUND, run).see(block, store).large
-    scene, seen, _ = see_block(view.cloud, block, recipe, view.beneath, view.decks)
+    scene, seen, _ = see_block(view.cloud, view.block, recipe, view.beneath, view.decks)
     xyz, side = scene.cloud.xyz, side_near(max(LEAST_CELL_M, CELL_SPACINGS * scene.spacing))
     source = run.options["source"]
     stages = REGISTRY if source is None else find_source(source).methods
@@ -146,17 +146,18 @@ def block_steps(store: Store, run: Run, block: Block) -> StepMaps:
     return maps
 
 
-def write_steps(store: Store, run: Run, blocks: Sequence[Block]) -> list[Path]:
+def write_steps(run: Run, blocks: Sequence[Block], see: Callable[[Step, Block], Any]) -> list[Path]:
     """Write the maps of each block to `steps/BLOCK/` as GeoTIFF, in the order of the steps, and one picture
-    of them all to `steps/BLOCK.png`; the files. Values are as the methods have them: metres and numbers."""
+    of them all to `steps/BLOCK.png`; the files. Values are as the methods have them: metres and numbers.
+    `see` gives all that a step follows from in a block."""
     files: list[Path] = []
     for block in blocks:
         folder = run.folder / "steps" / block.name
         folder.mkdir(parents=True, exist_ok=True)
-        steps = block_steps(store, run, block)
+        steps = block_steps(run, see(REGIONS, block), see(GROUND, block).large)
         for number, (title, raster) in enumerate(steps.maps.items(), 1):
             files.append(folder / f"{number:02d}_{title.replace(' ', '_')}.tif")
-            write_raster(files[-1], raster, store.system, block.origin, heights=False)
+            write_raster(files[-1], raster, run.index.system, block.origin, heights=False)
         files.append(folder.with_suffix(".png"))
         draw_steps(files[-1], steps)
     return files

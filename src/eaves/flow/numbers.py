@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from eaves.buildings.building_file import Kept
 from eaves.formats.atomic import atomic
 from eaves.model import Block
-from eaves.run.store import Store
 
 NUMBERS = "numbers.json"
 """Beside the buildings of a run that was updated or corrected; else they are numbered in their order."""
@@ -24,27 +23,27 @@ class Numbers:
     next: tuple[int, int]
 
 
-def read_numbers(store: Store) -> Numbers | None:
-    """The numbers that were kept; None where buildings are numbered in their order."""
-    path = store.folder / NUMBERS
+def read_numbers(kept: Kept) -> Numbers | None:
+    """The numbers of buildings that were kept; None where they are numbered in their order."""
+    path = kept.store.folder / NUMBERS
     if not path.exists():
         return None
     words = json.loads(path.read_text(encoding="utf-8"))
     return Numbers({name: tuple(some) for name, some in words["of"].items()}, tuple(words["next"]))
 
 
-def count_planes(store: Store, owners: Sequence[Block]) -> dict[str, int]:
+def count_planes(kept: Kept, owners: Sequence[Block]) -> dict[str, int]:
     """Id → how many planes the points of a building bear, in the order of the buildings."""
-    found, kept = {}, Kept(store)
+    found = {}
     for owner in owners:
         for row, (_, plane) in zip(kept.rows([owner]), kept.planes(owner), strict=True):
             found[str(row.values["id"])] = int(plane.max(initial=0))
     return found
 
 
-def numbers_of_owners(store: Store, owners: Sequence[Block]) -> Numbers:
-    """The numbers of the buildings of a store."""
-    return read_numbers(store) or continued(Numbers({}, (1, 0)), count_planes(store, owners))
+def numbers_of_owners(kept: Kept, owners: Sequence[Block]) -> Numbers:
+    """The numbers of all buildings, those of the `owners`."""
+    return read_numbers(kept) or continued(Numbers({}, (1, 0)), count_planes(kept, owners))
 
 
 def continued(before: Numbers, planes: dict[str, int]) -> Numbers:
@@ -59,8 +58,8 @@ def continued(before: Numbers, planes: dict[str, int]) -> Numbers:
     return replace(before, of=of, next=(number, plane))
 
 
-def keep_numbers(store: Store, owners: Sequence[Block], before: Numbers) -> None:
-    """Write the numbers of a store: those before, and what follows for owner blocks that changed."""
-    now = continued(before, count_planes(store, owners))
-    with atomic(store.folder / NUMBERS) as temporary:
+def keep_numbers(kept: Kept, owners: Sequence[Block], before: Numbers) -> None:
+    """Write the numbers of buildings: those before, and what follows for owner blocks that changed."""
+    now = continued(before, count_planes(kept, owners))
+    with atomic(kept.store.folder / NUMBERS) as temporary:
         temporary.write_text(json.dumps(vars(now)), encoding="utf-8")

@@ -13,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eaves.blocks.block_file import BlockMetadata, block_extent, open_block
+from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import Kept
 from eaves.figures.party_walls import envelope_figures
 from eaves.figures.trust import judge
@@ -24,17 +24,18 @@ from eaves.flow.numbers import read_numbers
 from eaves.flow.region import Region
 from eaves.flow.review import REVIEW, review_rows, write_review
 from eaves.flow.run import Run, stated_request
+from eaves.flow.step import Step, Work, results_of
+from eaves.flow.steps import GROUND, REGIONS
 from eaves.formats import write_cityjson_seq
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
-from eaves.run.keys import GROUND, REGIONS
 from eaves.run.manifest import MANIFEST, begin_manifest
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
-from eaves.run.store import SECONDS, Store
+from eaves.run.store import SECONDS
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
@@ -51,15 +52,15 @@ LONGEST_FIRST = ("steps", "classified", "models", "footprints", "rasters", "mask
 class BuildingRows:
     """The rows of all buildings, or of all roof faces, read anew from the store each time."""
 
-    store: Store
+    kept: Kept
     owners: Sequence[Block]
     shared: Sequence[dict[str, float] | None] = ()
     """The walls of the buildings (`wall_figures`), where known."""
     faces: bool = False
 
     def __iter__(self) -> Iterator[Row]:
-        areas, kept = iter(self.shared), read_numbers(self.store)
-        for number, row in enumerate(Kept(self.store).rows(self.owners), 1):
+        areas, kept = iter(self.shared), read_numbers(self.kept)
+        for number, row in enumerate(self.kept.rows(self.owners), 1):
             if kept is not None:
                 number = kept.of[str(row.values["id"])][0]
             if self.faces:
@@ -73,12 +74,13 @@ class BuildingRows:
 class RunResults:
     """The results of a run; picklable, for each output may be written by another process.
 
-    `blocks` and `owners` are those the files show, without blocks that failed.
+    `regions` and `owners` are those the files show, without blocks that failed.
     """
 
     run: Run
-    store: Store
-    blocks: Sequence[Block]
+    kept: Kept
+    regions: Mapping[Block, BlockFile]
+    """The results of the blocks that the files show."""
     owners: Sequence[Block]
     extent: Bounds
     shared: Sequence[dict[str, float] | None]
@@ -87,16 +89,19 @@ class RunResults:
     copies: Mapping[str, Path] = field(default_factory=dict)
     """Classified points that an earlier run wrote, by the keys of what they follow from."""
 
+    def see(self, step: Step, block: Block) -> Any:
+        """All that a step follows from in a block."""
+        return Work.of(step, self.run).see(block, self.kept.store)
+
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
-        return finished_models(self.store, self.owners, self.shared)
+        return finished_models(self.kept, self.owners, self.shared)
 
 
 def finished_models(
-    store: Store, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
+    kept: Kept, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
 ) -> Iterator[BuildingModel | Failure]:
     """The models and failures of the `owners`, the models with their party walls, `shared` where known."""
-    kept = Kept(store)
     walls = iter(party_walls(kept, owners) if shared is None else shared)
     for answer in kept.answers(owners):
         yield with_walls(answer, next(walls, None))
@@ -126,12 +131,11 @@ def write_output(
 ) -> tuple[list[Path], PointSink | None]:
     """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
     # imports are late where libraries come with them that other outputs do without
-    run, store, owners = results.run, results.store, results.owners
-    folder, system, made_from = run.folder, store.system, run.provenance
-    kept = Kept(store)
+    run, kept, owners = results.run, results.kept, results.owners
+    folder, system, made_from = run.folder, run.index.system, run.provenance
     if step == "footprints":
-        files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
-        roofs, review = BuildingRows(store, owners, faces=True), review_rows(kept.rows(owners))
+        files, rows = [folder / "footprints.gpkg"], BuildingRows(kept, owners, results.shared)
+        roofs, review = BuildingRows(kept, owners, faces=True), review_rows(kept.rows(owners))
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
         files.append(write_review(folder / REVIEW, review, system))
         return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
@@ -147,18 +151,18 @@ def write_output(
         path = folder / "mask.tif"
         asked = run.options["source"] is not None  # the Vaihingen entry delivers one
         extent = results.extent
-        return write_run_mask(system, results.blocks, polygons, extent, path, made_from, asked), None
+        return write_run_mask(system, list(results.regions), polygons, extent, path, made_from, asked), None
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
 
-        return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
+        return write_surfaces(results.regions, system, results.extent, folder, made_from), None
     if step == "steps":
         from eaves.flow.intermediates import write_steps
 
-        return write_steps(store, run, results.blocks), None
+        return write_steps(run, list(results.regions), results.see), None
     from eaves.flow.classified_points import write_points
 
-    files = write_points(store, run, results.blocks, owners, sink, results.copies)
+    files = write_points(run, kept, results.regions, owners, sink, results.copies)
     return files + export_points(files, system, run.options["formats"]), sink
 
 
@@ -179,11 +183,20 @@ def write_outputs(
     clock = Clock()
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
-    metadata = read_metadata(store, region.own_blocks)
+    metadata = read_metadata(region)
     places = (doubt for one in metadata for doubt in one.doubts)
     doubts = doubt_rows(chain(places, face_doubts(kept.rows(owners))), run.side)
     used = [one.block for one in metadata]
-    results = RunResults(run, store, used, owners, block_extent(metadata), shared, doubts, copies or {})
+    results = RunResults(
+        run,
+        kept,
+        results_of(REGIONS, store, used),
+        owners,
+        block_extent(metadata),
+        shared,
+        doubts,
+        copies or {},
+    )
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in kept.rows(owners)]
         points = run.index.points if run.window == Window() else points_used(region)
@@ -275,14 +288,13 @@ def points_used(region: Region) -> int:
     return sum(map(region.store.count_points, region.own_blocks))
 
 
-def read_metadata(store: Store, blocks: Sequence[Block]) -> list[BlockMetadata]:
-    """The metadata of all blocks that were computed."""
+def read_metadata(region: Region) -> list[BlockMetadata]:
+    """The metadata of all blocks of the core that were computed."""
     metadata = []
-    for block in blocks:
-        if store.has(REGIONS, block):
-            with open_block(store, block) as file:
-                metadata.append(file.metadata())
-            metadata[-1].seconds["ground"] = float(store.array(GROUND, block, SECONDS))
+    for block, result in results_of(REGIONS, region.store, region.own_blocks).items():
+        with result as file:
+            metadata.append(file.metadata())
+        metadata[-1].seconds["ground"] = float(region.store.array(GROUND.name, block, SECONDS))
     return metadata
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.blocks.block_file import open_block
+from eaves.blocks.block_file import BlockFile
 from eaves.footprints.read import as_box
 from eaves.formats import MosaicWriter
 from eaves.formats.rasters.geotiff import write_world_file
@@ -19,22 +19,25 @@ from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.model.provenance import Provenance
 from eaves.raster.rasterize import rasterize
 from eaves.raster.surfaces import CELL
-from eaves.run.store import Store
 from eaves.run.world_squares import within
 
 
 def write_surfaces(
-    store: Store, blocks: Sequence[Block], extent: Bounds, folder: Path, provenance: Provenance
+    regions: Mapping[Block, BlockFile],
+    system: CoordinateSystem,
+    extent: Bounds,
+    folder: Path,
+    provenance: Provenance,
 ) -> list[Path]:
     """dtm.tif, dsm.tif and their difference ndsm.tif over `extent`, each block read once for all."""
     written = [folder / f"{name}.tif" for name in ("dtm", "dsm", "ndsm")]
     with ExitStack() as stack:
         writers = [
-            stack.enter_context(MosaicWriter(path, extent, CELL, store.system, provenance=provenance))
+            stack.enter_context(MosaicWriter(path, extent, CELL, system, provenance=provenance))
             for path in written
         ]
-        for block in blocks:
-            with open_block(store, block) as file:
+        for block, result in regions.items():
+            with result as file:
                 dtm, dsm = file.raster("dtm"), file.raster("dsm")
             over = replace(dsm, values=dsm.values - dtm.values)
             for writer, raster in zip(writers, (dtm, dsm, over), strict=True):

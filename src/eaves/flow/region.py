@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -10,8 +12,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from eaves.blocks.block_file import open_block
-from eaves.blocks.superseded import files_of, scan_number
 from eaves.buildings.join import (
     OwnedBuildings,
     Seam,
@@ -24,10 +24,10 @@ from eaves.buildings.join import (
 from eaves.flow.numbers import NUMBERS
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, no_progress, request_of
-from eaves.flow.step import Step, bring, compute
+from eaves.flow.step import Step, bring, compute, results_of
 from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED
 from eaves.formats import InputError
-from eaves.formats.atomic import DiskFullError
+from eaves.formats.atomic import DiskFullError, atomic
 from eaves.model import Block, Bounds
 from eaves.raster.surfaces import CELL
 from eaves.recipe.recipe import Recipe
@@ -51,6 +51,12 @@ log = logging.getLogger("eaves")
 
 LARGEST_RASTER = 10_000_000_000
 """Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
+
+
+REQUEST = "request.json"
+"""Beside the results that are kept: what the run was asked for; run.json lacks it while files are written."""
+EARLIER = "earlier"
+"""Folder, beside the results of a run that is updated in its place, of those that it shows until then."""
 
 
 class TooNarrowError(Exception):
@@ -152,10 +158,11 @@ def open_region(run: Run, workers: Workers, progress: Progress, core: Core | Non
 
 
 def drop_upkeep(region: Region) -> None:
-    """Remove the names, edits and numbers of an earlier update: a build has none of them."""
-    for layer in (NAMED, EDITED.name):
-        region.store.keep_only(layer, ())
-    (region.store.folder / NUMBERS).unlink(missing_ok=True)
+    """Remove what an earlier update left: names, edits and numbers, of which a build has none."""
+    folder = region.store.folder
+    for name in (NAMED, EDITED.name, EARLIER):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / NUMBERS).unlink(missing_ok=True)
 
 
 def store_of(run: Run) -> Store:
@@ -239,7 +246,7 @@ def replace_points(region: Region) -> None:
     blocks = store.blocks(region.run.side) if generations else []
     later = set[Block]()
     for block in blocks:
-        newest = max(map(scan_number, files_of(store, block)))
+        newest = max(scan for scan, _ in store.scan_files(block))
         later |= set(ring(block)) if newest >= generations[0] else set()
     units = [block for block in blocks if block in later]
     store.keep_only(SUPERSEDED.name, units)
@@ -330,10 +337,9 @@ def join_buildings(region: Region, done: Sequence[Block]) -> list[OwnedBuildings
 def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     """The results that the join needs, of all blocks that could be computed."""
     found = []
-    for block in sorted(blocks):
-        if region.store.has(REGIONS.name, block):
-            with open_block(region.store, block) as file:
-                found.append(Seam.read(file))
+    for result in results_of(REGIONS, region.store, sorted(blocks)).values():
+        with result as file:
+            found.append(Seam.read(file))
     return found
 
 
@@ -362,7 +368,9 @@ def end_region(region: Region, complete: bool) -> None:
     store = region.store
     store.drop_records()
     if region.run.options["keep"]:
-        store.write_request({**request_of(region.run), "plan": region.run.plan})
+        stated = {**request_of(region.run), "plan": region.run.plan}
+        with atomic(store.folder / REQUEST) as temporary:
+            temporary.write_text(json.dumps(stated), encoding="utf-8")
     elif complete:
         store.discard()
 

@@ -10,8 +10,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from operator import attrgetter
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
 
 from eaves.flow.run import Run
 from eaves.model import Block
@@ -68,7 +71,8 @@ class Step:
     types : mapping
         The classes of a result that is a value; without them it is arrays by name.
     load : callable or None
-        `load(store, block)`: a result that is opened, and read as the steps that take it need it.
+        `load(path, square, read_points)`: a result that is opened, and read as the steps that take it need
+        it, with the points of its square.
     reads : tuple of str
         Parameters: attributes of the recipe, options, or facts of the run.
     side : float or None
@@ -78,7 +82,7 @@ class Step:
     isolated : bool
         True if blocks with isolated points alone are units, too.
     earlier : callable or None
-        `earlier(store, block)`: an earlier result of the same code and parameters, which `run` is given, too.
+        `earlier(path)`: an earlier result of the same code and parameters, which `run` is given, too.
     booked : str
         The name under which its time is booked.
     shown : bool
@@ -90,20 +94,20 @@ class Step:
     see: Callable[..., Any]
     run: Callable[..., Any]
     types: Mapping[str, type[Any]] = field(default_factory=dict)
-    load: Callable[[Store, Block], Any] | None = None
+    load: Callable[[Path, Block, Callable[[Block], NDArray[Any]]], Any] | None = None
     reads: tuple[str, ...] = ()
     side: float | None = None
     needs: str = ""
     isolated: bool = False
-    earlier: Callable[[Store, Block], Any] | None = None
+    earlier: Callable[[Path], Any] | None = None
     booked: str = "blocks"
     shown: bool = False
 
     def result(self, store: Store, square: Block) -> Any:
         """Its result in a square, as the steps that take it are given it."""
-        if self.load is not None:
-            return self.load(store, square)
         path = store.path(self.name, square)
+        if self.load is not None:
+            return self.load(path, square, store.read_points)
         return load_value(path, self.types) if self.types else load_arrays(path)
 
     def within(self, reach: str) -> Input:
@@ -226,7 +230,7 @@ class Work:
         arguments = [seen]
         if step.earlier is not None:
             same = mark is not None and mark.step == self.key
-            arguments.append(step.earlier(store, home) if same else None)
+            arguments.append(step.earlier(store.path(step.name, home)) if same else None)
         if not store.reuse_if_unchanged(step.name, home, read, taken):
             value = step.run(*arguments, self.parameters)
             store.save(step.name, home, as_arrays(value), read, taken, self.key)

@@ -6,24 +6,24 @@ Nothing else knows these. `eaves.flow.step` computes them; `eaves.pipeline` name
 from __future__ import annotations
 
 from eaves.blocks.block import find_regions, see_regions
-from eaves.blocks.block_file import open_block
+from eaves.blocks.block_file import BlockFile
 from eaves.blocks.ground import classify_block, see_ground
 from eaves.blocks.large import (
     TYPES,
     find_floor,
     find_large,
     find_square_decks,
-    load_points,
     see_decks,
     see_floors,
     see_points,
 )
-from eaves.blocks.superseded import find_superseded, load_scans, see_scans
-from eaves.buildings.building_file import load_buildings
-from eaves.buildings.edited import load_found, model_orders, see_orders
+from eaves.blocks.superseded import find_superseded, see_scans
+from eaves.buildings.building_file import load_buildings, load_found
+from eaves.buildings.edited import model_orders, see_orders
 from eaves.buildings.owned import model_buildings, see_buildings
 from eaves.flow.step import Input, Step
 from eaves.run import keys
+from eaves.run.points import load_points, load_scans
 from eaves.run.world_squares import WIDE_SQUARE
 
 SUPERSEDED = Step(
@@ -82,7 +82,7 @@ REGIONS = Step(
     ),
     see=see_regions,
     run=find_regions,
-    load=open_block,
+    load=BlockFile,
     reads=(
         "detect",
         "scene_buffer",
@@ -99,7 +99,6 @@ BUILDINGS = Step(
     takes=(REGIONS.around(1), Input(load=load_points, rings=1)),
     see=see_buildings,
     run=model_buildings,
-    load=load_buildings,
     reads=(
         "outline",
         "units",

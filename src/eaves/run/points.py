@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Block, PointCloud, Points
 from eaves.model.cloud import GRID_STEP, PER_METRE
-from eaves.run.store import RECORD, Store
+from eaves.run.store import RECORD, Store, map_records
 from eaves.run.world_squares import squares_touching
 
 
@@ -115,6 +115,16 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
     cloud = PointCloud(xyz, block.origin, **arrays, system=store.system, ordered=ordered)
     order = cloud.canonical_order()
     return PointWindow(block, replace(cloud.take(order), ordered=True), number.take(order), ranges, ends)
+
+
+def load_points(store: Store, block: Block) -> tuple[NDArray[Any], bool]:
+    """The points of a block, and whether the files classify them."""
+    return store.read_points(block), store.has_classes
+
+
+def load_scans(store: Store, block: Block) -> list[tuple[int, NDArray[Any]]]:
+    """The points of a block as they were read, those of each file with the number of its input."""
+    return [(scan, records) for scan, path in store.scan_files(block) for records in map_records([path])]
 
 
 @kernel

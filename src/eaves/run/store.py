@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import shutil
@@ -16,17 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError
-from eaves.formats.atomic import atomic
-from eaves.model import Block, Bounds, CoordinateSystem
-from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP
+from eaves.model import Block, CoordinateSystem
 from eaves.run.keys import SUPERSEDED, Mark, key_of
 from eaves.run.part_file import is_whole_part, open_part, save_part
 
 log = logging.getLogger("eaves")
 
-REQUEST = "request.json"
-"""Beside the results that are kept: what the run was asked for."""
 FORM = 7
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
@@ -78,11 +72,6 @@ class Store:
         for name in ("points", "parts"):
             (self.folder / name).mkdir(exist_ok=True)
 
-    def write_request(self, stated: Mapping[str, Any]) -> None:
-        """Write what the run was asked for: its results can be gone on from."""
-        with atomic(self.folder / REQUEST) as temporary:
-            temporary.write_text(json.dumps(stated), encoding="utf-8")
-
     def discard(self) -> None:
         """Remove the folder with everything in it."""
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -118,10 +107,15 @@ class Store:
         """The records of all points in a block, by input and part of it, each part's in canonical order."""
         return join_records(self.map_points(block))
 
+    def scan_files(self, block: Block) -> list[tuple[int, Path]]:
+        """The files of a block's points, in their order, each with the number of the input it is from."""
+        return [
+            (int(path.stem.split("-")[0]), path) for path in sorted(self.points_path(block).glob("*.bin"))
+        ]
+
     def map_points(self, block: Block) -> list[NDArray[np.void]]:
         """The records of a block's points, an array a file; of a file no more is read than is looked at."""
-        path = self.points_path(block)
-        files = map_records(sorted(path.glob("*.bin")) if path.exists() else [])
+        files = map_records([path for _, path in self.scan_files(block)])
         ids = self.superseded(block)
         return [records[~np.isin(records["point_id"], ids)] for records in files] if len(ids) else files
 
@@ -233,21 +227,3 @@ def join_records(some: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     # numpy joins records field by field, many times as slowly
     data = [np.zeros(0, np.uint8), *(records.view(np.uint8) for records in some)]
     return np.concatenate(data).view(RECORD)
-
-
-def link_file(source: Path, target: Path) -> None:
-    """One file under another name, in a folder that is made when missing."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.unlink(missing_ok=True)
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)
-
-
-def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
-    """World metres (half-open) of points (N, 3) in quanta about a block's corner; None for no points."""
-    if len(quanta) == 0:
-        return None
-    low, high = extremes(quanta[:, :2])
-    return Bounds(*map(float, (*low * GRID_STEP, *(high + 1) * GRID_STEP))).translated(*block.origin)

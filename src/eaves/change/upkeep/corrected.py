@@ -20,7 +20,6 @@ from eaves.flow.steps import BUILDINGS, EDITED
 from eaves.model import Block, CoordinateSystem, Failure, Footprint
 from eaves.run.keys import NAMED
 from eaves.run.manifest import is_changed, known_files
-from eaves.run.store import Store
 
 LAYER = "footprints.gpkg"
 """The file of a run whose layer of footprints takes edits."""
@@ -82,17 +81,17 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     return Corrected(
         tuple(name for order in orders for name, _ in order.parts),
         tuple(order.id for order in orders if not order.outlines),
-        tuple(words for unit in units for words in failures_in(unit, store)),
+        tuple(words for unit in units for words in failures_in(unit, Kept(store, (EDITED.name,)))),
         tuple(conflicts),
         touched,
     )
 
 
-def failures_in(unit: OwnedOrders, store: Store) -> Iterator[str]:
+def failures_in(unit: OwnedOrders, edited: Kept) -> Iterator[str]:
     """The buildings that the orders of a block ask for and of which there is no model, with the reason."""
-    if not store.has(EDITED.name, unit.owner_block):
+    if edited.path(unit.owner_block) is None:
         return  # the whole block failed, which the run says
-    outcomes = Kept(store, (EDITED.name,)).answers([unit.owner_block])
+    outcomes = edited.answers([unit.owner_block])
     by_id = {one.footprint.id: one for one in outcomes if one.footprint is not None}
     for name, _ in (part for order in unit.orders for part in order.parts):
         outcome = by_id.get(name)

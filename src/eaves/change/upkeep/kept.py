@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from eaves.flow.region import EARLIER, REQUEST
 from eaves.flow.run import WORK, Run, look_at_scan, open_run
 from eaves.formats import InputError
 from eaves.methods import resolve_method
@@ -19,7 +21,6 @@ from eaves.recipe.recipe import Recipe
 from eaves.run.index import Index
 from eaves.run.manifest import read_facts
 from eaves.run.options import DECLARED, METHOD_OPTIONS
-from eaves.run.store import REQUEST
 from eaves.surroundings.vegetation import VegetationRules
 
 MODELS = "buildings.city.jsonl"
@@ -39,8 +40,8 @@ class Request:
     plan: dict[str, Any]
     generations: Sequence[int]
     updates: Sequence[dict[str, Any]]
-    kept: bool = False
-    """True if the results of the run are kept."""
+    keep: bool = False
+    """True if its results are kept."""
 
 
 def read_request(folder: Path) -> Request:
@@ -54,20 +55,21 @@ def read_request(folder: Path) -> Request:
     path = folder / WORK / REQUEST
     if not folder.is_dir():
         raise InputError.about(folder, "does not exist", "give what `eaves build --keep` wrote")
-    other = InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY)
+    facts = read_facts(folder)
     try:
-        request = Request(**json.loads(path.read_text(encoding="utf-8")), kept=True)
-    except FileNotFoundError:
-        facts = read_facts(folder)
-        if not facts.get("request"):
-            raise InputError.about(folder, "keeps no parts of its run", REMEDY) from None
-        request = Request(plan=facts, **facts["request"])
+        if path.exists():
+            request = Request(**json.loads(path.read_text(encoding="utf-8")), keep=True)
+        else:
+            request = Request(plan=facts, **facts["request"])
+    except KeyError:
+        remedy = "build a part of it with --bounds and --keep" if "tiles" in facts else REMEDY
+        raise InputError.about(folder, "keeps no parts of its run", remedy) from None
     except TypeError:
-        raise other from None
+        raise InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY) from None
     except (ValueError, RecursionError):
         raise InputError.about(path, "is damaged", REMEDY) from None
     if request.options.keys() - DECLARED.keys():
-        raise other
+        raise InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY)
     return request
 
 
@@ -85,13 +87,13 @@ def open_again(
         the results, results are needed that it did not keep, or `out` holds what would be written over.
     """
     request = read_request(folder)
-    if not request.kept and (new or request.generations):
+    if not request.keep and (new or request.generations):
         raise InputError.about(folder, "keeps no parts of its run", REMEDY)
     inputs = [*request.inputs, *new]
     # in its own folder edits are kept
     options = {**request.options, "jobs": jobs, "overwrite": overwrite or out is None}
     recipe = kept_recipe(request.plan)
-    run = look_at_scan(open_run(inputs, out or folder, recipe, keep=request.kept, resume=True, **options))
+    run = look_at_scan(open_run(inputs, out or folder, recipe, keep=request.keep, resume=True, **options))
     broken = [reason for reason in run.failed if any(path in reason for path in new)]
     if broken:
         raise InputError(broken[0])
@@ -156,3 +158,25 @@ def kept_recipe(plan: dict[str, Any]) -> Recipe:
         vegetation=None if vegetation is None else VegetationRules(**vegetation),
         others=plan.get("others", True),
     )
+
+
+def link_file(source: Path, target: Path) -> None:
+    """One file under another name, in a folder that is made when missing."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+def link_results(source: Path, target: Path) -> None:
+    """The results of a run under other names, without taking room where the disk can do that. They are never
+    written in place, so neither run sees what the other does."""
+    for place, folders, names in os.walk(source):
+        folders[:] = [name for name in folders if name != EARLIER]
+        to = target / Path(place).relative_to(source)
+        to.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            if not name.startswith("."):
+                link_file(Path(place) / name, to / name)

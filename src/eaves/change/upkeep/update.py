@@ -14,17 +14,16 @@ from pathlib import Path
 import laspy
 import numpy as np
 
-from eaves.blocks.superseded import files_of, scan_number
 from eaves.buildings.building_file import Kept, as_found
 from eaves.change.edits import Edit, read_edits, write_edits
 from eaves.change.upkeep.corrected import changed_in_layer, correct, kept_edits, outlines_in
-from eaves.change.upkeep.kept import MODELS, open_again, read_request
+from eaves.change.upkeep.kept import MODELS, link_file, link_results, open_again, read_request
 from eaves.change.upkeep.versions import Versions, known_ids, lines_of, name_versions, write_history
 from eaves.flow.classified_points import KEYS, known_copies
 from eaves.flow.collisions import EDITS, is_same_place
 from eaves.flow.numbers import NUMBERS, keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
-from eaves.flow.region import Region, drop_upkeep, end_region, open_region, store_of
+from eaves.flow.region import EARLIER, Region, drop_upkeep, end_region, open_region, store_of
 from eaves.flow.run import WORK, Progress, Run, no_progress, stated_request
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
@@ -33,14 +32,11 @@ from eaves.pipeline import bring_points, find_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
-from eaves.run.store import Store, link_file
 
 log = logging.getLogger("eaves")
 
 AWAY_BLOCKS = 2
 """New points farther than so many blocks from all of the run's are of another place."""
-EARLIER = "earlier"
-"""Folder, beside the results of a run that is updated in its place, of those that it shows until then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +106,10 @@ def update(
 
     It is a build over what the run kept: a step that takes what it took before is found by its key. New
     points take the place of the earlier ones in the area that they cover (`eaves.blocks.superseded`); what
-    comes out is what a build of the points that stay and the new ones gives. Buildings keep their ids where
-    half of their outline stays. Edits are those kept in the folder's edits.gpkg, what was changed in its
+    comes out is what a build of the points that stay and the new ones gives, but for buildings that these
+    only confirm: where a group of buildings that stand wall to wall differs nowhere by as much as a
+    comparison of both epochs would list, it stays as it was. Others keep their ids where half of their
+    outline stays. Edits are those kept in the folder's edits.gpkg, what was changed in its
     footprints.gpkg, and those of the file `edits`. Without new points a run need not have kept anything:
     all is then computed again.
 
@@ -159,12 +157,14 @@ def update(
     ['b351_1863_66_250']
     """
     folder, out = Path(folder), Path(out or folder)
+    if edits is not None and not Path(edits).exists():
+        raise InputError.about(edits, "does not exist", "check the path")
     inside = is_same_place(folder, out)
     request = read_request(folder)
     new = check_inputs(folder, request.inputs, list_inputs(inputs), out) if inputs else []
     when = date_of(new, date) if new else None
     run = open_again(folder, new, None if inside else out, jobs, overwrite)
-    linked = request.kept and not inside
+    linked = request.keep and not inside
     with nullcontext() if inside else lock_folder(folder), hold_folder(run) as workers:
         if linked:
             store_of(run).discard()
@@ -173,10 +173,10 @@ def update(
         bring_points(region)
         if new:
             check_place(region)
-        if not request.kept:
+        if not request.keep:
             compute_again(region, folder)
-        before = earlier_results(region.store, folder / WORK if linked else run.work_folder)
-        ordered = [*kept_edits(folder, before.system), *new_edits(folder, edits, before, run.side)]
+        before = earlier_buildings(region, folder / WORK if linked else run.work_folder)
+        ordered = all_edits(folder, edits, before, run.side)
         if not inside:
             begin_manifest(out)
         updated = update_region(region, before, folder, ordered, when)
@@ -193,17 +193,18 @@ def compute_again(region: Region, folder: Path) -> None:
     correct(region, kept_edits(folder, region.store.system))
 
 
-def earlier_results(store: Store, folder: Path) -> Store:
-    """The results of the run that is updated, as it shows them, with its results in a folder.
+def earlier_buildings(region: Region, folder: Path) -> Kept:
+    """The buildings of the run that is updated, as it shows them, with its results in a folder.
 
-    In the folder of the store itself the buildings are set aside, for the store goes on with the others; an
-    update that was broken off leaves them.
+    In the folder of the region itself they are set aside, for it goes on with the others; an update that was
+    broken off leaves them.
     """
+    store = region.store
     earlier = replace(store, folder=folder / EARLIER)
     if earlier.folder.exists():
-        return earlier
+        return Kept(earlier)
     if not is_same_place(folder, store.folder):
-        return replace(store, folder=folder)
+        return Kept(replace(store, folder=folder))
     hidden = folder / f"{EARLIER}-{os.getpid()}"
     for name in (REGIONS, BUILDINGS, NAMED, EDITED):
         link_results(folder / name, hidden / name)
@@ -211,29 +212,32 @@ def earlier_results(store: Store, folder: Path) -> Store:
         if (folder / name).exists():
             link_file(folder / name, hidden / name)
     hidden.rename(earlier.folder)
-    return earlier
+    return Kept(earlier)
 
 
-def new_edits(folder: Path, file: str | Path | None, shown: Store, side: float) -> list[Edit]:
-    """The edits that a user made in a run's layer since it was written, and those of a file; the store has
-    the buildings that the run shows, in blocks of a side (m)."""
-    outlines, found = outlines_in(Kept(shown), side), outlines_in(as_found(shown), side)
-    edits = changed_in_layer(folder, shown.system, outlines)
-    return edits if file is None else [*edits, *read_edits(Path(file), shown.system, {**found, **outlines})]
+def all_edits(folder: Path, file: str | Path | None, shown: Kept, side: float) -> list[Edit]:
+    """The edits that a run's folder keeps, those that a user made in its layer since it was written, and
+    those of a file; of the buildings that the run shows, in blocks of a side (m)."""
+    system, outlines = shown.store.system, outlines_in(shown, side)
+    edits = [*kept_edits(folder, system), *changed_in_layer(folder, system, outlines)]
+    found = outlines_in(as_found(shown.store), side)
+    return edits if file is None else [*edits, *read_edits(Path(file), system, {**found, **outlines})]
 
 
 def update_region(
-    region: Region, before: Store, folder: Path, edits: Sequence[Edit], date: str | None
+    region: Region, before: Kept, folder: Path, edits: Sequence[Edit], date: str | None
 ) -> Updated:
     """The buildings of a region with the names of those before and with all edits, and the files of them; the
     folder is that of the run that is updated, the date that of new points."""
     store, side, out = region.store, region.run.side, region.run.folder
-    owners = find_buildings(region)
-    versions, changed = name_versions(store, as_found(before), owners, known_ids(folder), date)
+    owners, shown = find_buildings(region), Kept(store)
+    named = as_found(before.store)
+    versions, changed = name_versions(Kept(store, (BUILDINGS,)), named, owners, known_ids(folder), date)
     edited = correct(region, edits)
-    numbers = numbers_of_owners(before, Kept(before).owners(side))
-    keep_numbers(store, sorted(changed | edited.touched), numbers)
-    summary = write_outputs(region, Kept(store).owners(side), copies=known_copies(folder, before))
+    numbers = numbers_of_owners(before, before.owners(side))
+    keep_numbers(shown, sorted(changed | edited.touched), numbers)
+    copies = known_copies(folder, before.store.folder)
+    summary = write_outputs(region, shown.owners(side), copies=copies)
     files = [*summary.files, *write_history(folder, out, MODELS, versions, date)]
     if edits or (folder / EDITS).exists():
         write_edits(out / EDITS, edits, store.system)
@@ -322,18 +326,6 @@ def date_of(paths: Sequence[str], date: str | None) -> str:
     return str(max(known).isoformat())
 
 
-def link_results(source: Path, target: Path) -> None:
-    """The results of a run under other names, without taking room where the disk can do that. They are never
-    written in place, so neither run sees what the other does."""
-    for place, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if name != EARLIER]
-        to = target / Path(place).relative_to(source)
-        to.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            if not name.startswith("."):
-                link_file(Path(place) / name, to / name)
-
-
 def check_place(region: Region) -> None:
     """Check that the last scan has points, near those of the others.
 
@@ -347,7 +339,7 @@ def check_place(region: Region) -> None:
     path = run.index.path(first)
     fresh, held = [], []
     for block in store.blocks(run.side):
-        numbers = [scan_number(one) for one in files_of(store, block)]
+        numbers = [scan for scan, _ in store.scan_files(block)]
         fresh += [block] * (max(numbers) >= first)
         held += [block] * (min(numbers) < first)
     if not fresh:
@@ -374,9 +366,9 @@ def points_counted(region: Region) -> tuple[int, int]:
     return int(came), int(went)
 
 
-def blocks_computed(region: Region, before: Store) -> int:
+def blocks_computed(region: Region, before: Kept) -> int:
     """Number of blocks whose results differ from those before."""
-    known = set(before.found(REGIONS, region.blocks))
+    known = set(before.store.found(REGIONS, region.blocks))
     return sum(one not in known for one in region.store.found(REGIONS, region.blocks))
 
 
