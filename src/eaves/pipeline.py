@@ -14,7 +14,7 @@ Each step is a function of `flow/region.py` on one region. Those whose results a
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 from eaves.buildings.building_file import Kept
 from eaves.flow import region as steps
-from eaves.flow.outputs import finished_models, write_outputs
+from eaves.flow.collisions import edits_and_work
+from eaves.flow.outputs import begin_writing, finished_models, write_outputs
 from eaves.flow.region import Core, Region, TooNarrowError
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.formats.atomic import DiskFullError, report_full_disk
@@ -31,14 +32,24 @@ from eaves.model.provenance import Provenance
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
 from eaves.run.lock import lock_folder
-from eaves.run.manifest import begin_manifest, end_manifest
+from eaves.run.manifest import end_manifest
 from eaves.run.options import RunOptions, list_options
+from eaves.run.set_aside import set_aside
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
     from eaves.buildings.join import OwnedBuildings
     from eaves.flow.classified_points import PointSink
     from eaves.flow.tiles import TileDone, TileTask
+
+
+Correction = Callable[[Region, list[Block]], list[Block]]
+"""Changes the buildings of a region, which blocks own; returns the blocks that own buildings then."""
+
+
+def no_correction(region: Region, owners: list[Block]) -> list[Block]:
+    """The `Correction` that changes nothing."""
+    return owners
 
 
 @list_options
@@ -170,16 +181,22 @@ def hold_folder(run: Run) -> Iterator[Workers]:
 
 
 def build_run(
-    run: Run, workers: Workers, progress: Progress = no_progress, sink: PointSink | None = None
+    run: Run,
+    workers: Workers,
+    progress: Progress = no_progress,
+    sink: PointSink | None = None,
+    correct: Correction = no_correction,
 ) -> Summary:
-    """All files of a run but for the report: as one region, or tile by tile."""
+    """All files of a run but for the report: as one region, its buildings corrected, or tile by tile."""
     if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
         workers.start(partial(steps.import_methods, run.recipe))
+    if run.options["overwrite"] and run.classified is None:
+        set_aside(run.folder, [path for path, _ in edits_and_work(run.folder, run.planned)])
     run = look_at_scan(run)  # while they start
     if run.by_tiles:
         return build_tiles(run, workers, progress)
     region = steps.open_region(run, workers, progress)
-    summary = build_region(region, sink)
+    summary = build_region(region, sink, correct)
     steps.warn_of_wrong_boxes(run.index, region.wrong_boxes)
     return summary
 
@@ -190,7 +207,9 @@ def end_run(run: Run, summary: Summary) -> None:
         end_manifest(run.folder, summary.files, summary.complete)
 
 
-def build_region(region: Region, sink: PointSink | None = None) -> Summary:
+def build_region(
+    region: Region, sink: PointSink | None = None, correct: Correction = no_correction
+) -> Summary:
     """The buildings, rasters and points of the region's core; its results go when nothing failed.
 
     Raises
@@ -200,7 +219,7 @@ def build_region(region: Region, sink: PointSink | None = None) -> Summary:
     """
     steps.drop_upkeep(region)
     bring_points(region)
-    owners = find_buildings(region)
+    owners = correct(region, find_buildings(region))
     summary = write_outputs(region, owners, sink)
     steps.end_region(region, summary.complete)
     return summary
@@ -239,7 +258,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
     """
     from eaves.flow.tiles import Tiles  # late: most runs have none
 
-    begin_manifest(run.folder)
+    begin_writing(run)
     tiles = Tiles(run)
     while tiles.todo:
         for count, outcome in enumerate(workers.run(build_tile, tiles.tasks()), 1):
@@ -249,6 +268,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
             progress("tiles", count, len(tiles.todo))
         tiles.look_again()
     steps.warn_of_wrong_boxes(run.index, tiles.wrong_boxes)
+    begin_writing(run)
     return tiles.merge(workers, progress)
 
 

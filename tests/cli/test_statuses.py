@@ -142,6 +142,13 @@ def other_run(place: Place) -> Done:
     return place.build()
 
 
+@case("folder with a file of no run under the name of an output")
+def foreign(place: Place) -> Done:
+    place.out.mkdir()
+    (place.out / "footprints.gpkg").write_text("mine")
+    return place.build()
+
+
 @case("folder with a person's work")
 def person_at_work(place: Place) -> Done:
     assert place.build("-q").returncode == 0

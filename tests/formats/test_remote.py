@@ -207,6 +207,12 @@ def test_json_that_lists_nothing_is_refused(tmp_path: Path) -> None:
         localise(tmp_path / "no.vpc", tmp_path)
 
 
+def test_a_list_as_deep_as_a_well_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.vpc").write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"a\.vpc: is no list of point files"):
+        localise(tmp_path / "a.vpc", tmp_path)
+
+
 def test_closing_line_counts_the_bytes_read(tmp_path: Path) -> None:
     remote = {"bytes_read": 1_200_000, "bytes": 3_200_000, "addresses": ["http://host/a.copc.laz"]}
     text = Summary(tmp_path, 10, 0, 0, {}, {}, {}, {}, 1.0, (), run={"remote": remote}).as_text()

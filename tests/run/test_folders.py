@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from eaves.flow import run
-from eaves.flow.classified_points import classified_name
+from eaves.flow.exports import classified_name
 from eaves.flow.run import open_run
 from eaves.formats import InputError
 from eaves.pipeline import build
@@ -104,8 +104,10 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
     assert build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",), overwrite=True).complete
     assert {path.name for path in tmp_path.iterdir()} == {
         *("footprints.gpkg", "review.csv", "buildings.qgz", MANIFEST),
-        *("notes.txt", "footprints.geojson"),
+        *("notes.txt", "before-1"),
     }
+    assert [path.name for path in (tmp_path / "before-1").iterdir()] == ["footprints.geojson"]
+    assert (tmp_path / "before-1" / "footprints.geojson").read_text() == "changed by hand"
     assert check_folder(tmp_path) == []
 
 

@@ -158,18 +158,14 @@ def run_build(
     from eaves.run.garbage import keep_all
 
     with keep_all():
-        from eaves.pipeline import build as build_files
-        from eaves.report.build import build as build_with_report
-        from eaves.run.options import EVERYTHING
+        from eaves.report.build import build as build_files
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()
         recipe = read_recipe(options, given, ground_only)
     start_log(quiet, verbose)
-    reported = "report" in (options.get("outputs") or EVERYTHING)
     with run_display(quiet) as progress:
-        made = build_with_report if reported else build_files
-        return made(inputs, out, recipe, progress, allow_failures=True, **options)
+        return build_files(inputs, out, recipe, progress, allow_failures=True, **options)
 
 
 def read_recipe(
@@ -208,7 +204,7 @@ def show_plan(
     start_log(quiet, verbose)
     with TemporaryDirectory() as cache:
         options.setdefault("cache", cache)
-        run = plan_run(inputs, out, read_recipe(options, given), **options)
+        run = plan_run(inputs, out, read_recipe(options, given), carries_edits=True, **options)
         typer.echo(scan_facts(run.index).as_text())
     for reason in run.failed:
         typer.echo(f"incomplete: {reason}", err=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from eaves.blocks.block_file import BlockFile
 from eaves.buildings.building_file import Kept
+from eaves.flow.exports import classified_name
 from eaves.flow.numbers import read_numbers
 from eaves.flow.run import Run
 from eaves.formats import InputError, write_classified
@@ -30,7 +31,7 @@ from eaves.run.code import package_sources
 from eaves.run.index import Index
 from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
 from eaves.run.keys import key_of
-from eaves.run.manifest import entry_of, known_files
+from eaves.run.manifest import is_changed, known_files
 from eaves.run.partition import Window, file_slices
 
 log = logging.getLogger("eaves")
@@ -87,7 +88,10 @@ def known_copies(folder: Path, work: Path) -> dict[str, Path]:
     return {
         key: folder / name
         for name, key in words.items()
-        if name in keys and (folder / name).exists() and entry_of(folder / name) == keys[name]
+        if name in keys
+        and (folder / name).exists()
+        and keys[name]
+        and not is_changed(folder / name, keys[name])
     }
 
 
@@ -236,20 +240,3 @@ def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = PIECE
             file.write(values[: count - first].tobytes())
         file.flush()
         os.fsync(file.fileno())
-
-
-def classified_name(path: Path, alone: bool, taken: set[str]) -> str:
-    """Name of the classified copy of an input; files of one name from two folders get a number behind, also
-    where names differ by case only, which is none on many disks. A name too long for a disk is cut."""
-    inner = path.stem[:-5] if path.stem.lower().endswith(".copc") else path.stem  # what is written is none
-    stem = "classified" if alone else f"classified_{inner}"
-    stem = os.fsdecode(os.fsencode(stem)[:LONGEST_NAME])
-    number = 1
-    while (name := stem if number == 1 else f"{stem}-{number}").casefold() in taken:
-        number += 1
-    taken.add(name.casefold())
-    return f"{name}.laz"
-
-
-LONGEST_NAME = 200
-"""Bytes of 255, so that a number, a suffix and the folder of the file in the making have room."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from eaves.flow.exports import FOOTPRINT_FILES
 from eaves.formats import InputError
-from eaves.run.manifest import changed_files, known_facts
+from eaves.run.manifest import known_facts
+from eaves.run.set_aside import names_of_paths, next_place, work_of_persons
 
 ELSEWHERE = "choose another folder with -o"
 EDITS = "edits.gpkg"
@@ -62,27 +63,41 @@ def refuse_collisions(
             raise InputError.about(path, "would be overwritten by the footprints of this run", ELSEWHERE)
 
 
-def refuse_overwrite(folder: Path, plan: Mapping[str, Any]) -> None:
-    """Check that a run that is planned so would write over no person's work in its output folder, and over no
-    results of inputs that it has not.
+def refuse_overwrite(
+    folder: Path, plan: Mapping[str, Any], planned: Collection[str], carries_edits: bool = False
+) -> None:
+    """Check that a run that is planned so would write over no person's work in its output folder, but for
+    edits where it carries them on, and over no results of inputs that it has not.
 
     Raises
     ------
     InputError
-        When the folder holds edits, files that were changed since they were written, or a run of other
-        inputs.
+        When the folder holds edits, files that were changed since they were written, files of no run that
+        bear the `planned` names of this one's, or a run of other inputs.
     """
-    remedy = "give another -o, or --overwrite"
-    if (edits := folder / EDITS).exists():
-        day = datetime.fromtimestamp(edits.stat().st_mtime)
-        raise InputError.about(folder, f"holds edits of {day.day} {day:%B %Y}", remedy)
     facts = known_facts(folder)
     same = {identity for one in plan.get("inputs", ()) for identity in identities(one)}
     for one in facts.get("inputs", ()) if same else ():
         if same.isdisjoint(identities(one)):
-            raise InputError.about(folder, f"holds a run of {Path(one['path']).name}", remedy)
-    for path in changed_files(folder) if facts else ():
-        raise InputError.about(path, "was changed since a run wrote it", remedy)
+            name = Path(one["path"]).name
+            raise InputError.about(folder, f"holds a run of {name}", "give another -o, or --overwrite")
+    work = list(edits_and_work(folder, planned))
+    if carries_edits:
+        work = [(path, reason) for path, reason in work if path != folder / EDITS]
+    if work:
+        path, reason = work[0]
+        more = names_of_paths(folder, [other for other, _ in work[1:]])
+        also = f" (and of {len(work) - 1} more: {more})" if more else ""
+        remedy = f"give another -o, or --overwrite, which moves it to {next_place(folder).name} in the folder"
+        raise InputError.about(path, f"{reason}{also}", remedy)
+
+
+def edits_and_work(folder: Path, planned: Collection[str]) -> Iterator[tuple[Path, str]]:
+    """What of a person a build would write over, each with the reason."""
+    if (edits := folder / EDITS).exists():
+        day = datetime.fromtimestamp(edits.stat().st_mtime)
+        yield edits, f"holds edits of {day.day} {day:%B %Y}"
+    yield from (found for found in work_of_persons(folder, planned) if found[0] != edits)
 
 
 def identities(entry: Mapping[str, Any]) -> tuple[str, str]:

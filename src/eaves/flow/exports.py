@@ -5,6 +5,7 @@ Each writer is fetched when it is asked for: most runs want none of them.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import chain
@@ -24,6 +25,7 @@ from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
 from eaves.model.provenance import Provenance
 from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest
+from eaves.run.set_aside import set_aside, work_of_persons
 
 Writer = Callable[..., object]
 
@@ -65,6 +67,15 @@ MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "3dtiles": (lambda: formats.write_3dtiles, "3dtiles"),
 }
 
+OUTPUT_FILES = {
+    "footprints": ("footprints.gpkg", "review.csv", "buildings.qgz"),
+    "models": ("buildings.city.jsonl",),
+    "mask": ("mask.tif", "mask.vrt"),
+    "rasters": ("dtm.tif", "dsm.tif", "ndsm.tif", "dtm.vrt", "dsm.vrt", "ndsm.vrt"),
+    "report": ("report.html",),
+    "steps": ("steps",),
+}
+"""Files, and folders of files, of each output; those of classified points follow from the inputs."""
 COPC = "copc"
 """A file beside each of the classified points."""
 
@@ -88,6 +99,36 @@ def check_formats(
             raise ValueError(f"--formats {name}: it follows from {needed}; add {needed} to --outputs")
     for extra in [extra for extra in EXTRAS if extra in names]:
         require_extra(extra)
+
+
+def planned_names(outputs: Sequence[str], names: Sequence[str]) -> set[str]:
+    """Names in a run's folder of the files and folders that its outputs and formats are, but for classified
+    points."""
+    return files_of_formats(names) | {name for one in outputs for name in OUTPUT_FILES.get(one, ())}
+
+
+def files_of_formats(names: Sequence[str]) -> set[str]:
+    """Names of the files and folders of some formats, but for classified points."""
+    tables = (FOOTPRINT_FILES, ROOF_FILES, MODEL_FILES)
+    planned = {file for table in tables for name, (_, file) in table.items() if name in names}
+    return planned | ({"buildings.mtl"} if "obj" in names else set())
+
+
+def classified_name(path: Path, alone: bool, taken: set[str]) -> str:
+    """Name of the classified copy of an input; files of one name from two folders get a number behind, also
+    where names differ by case only, which is none on many disks. A name too long for a disk is cut."""
+    inner = path.stem[:-5] if path.stem.lower().endswith(".copc") else path.stem  # what is written is none
+    stem = "classified" if alone else f"classified_{inner}"
+    stem = os.fsdecode(os.fsencode(stem)[:LONGEST_NAME])
+    number = 1
+    while (name := stem if number == 1 else f"{stem}-{number}").casefold() in taken:
+        number += 1
+    taken.add(name.casefold())
+    return f"{name}.laz"
+
+
+LONGEST_NAME = 200
+"""Bytes of 255, so that a number, a suffix and the folder of the file in the making have room."""
 
 
 def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
@@ -116,6 +157,9 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
     for file, (choices, there) in wanted.items():
         if not set(names).isdisjoint(choices) and not there:
             raise InputError.about(folder, f"holds no {file}", "build again with that output")
+    own = files_of_formats(names)
+    found = (path for path, _ in work_of_persons(folder, own))
+    set_aside(folder, [path for path in found if path.relative_to(folder).parts[0] in own])
     head = read_head(sources[0]) if sources else {}
     made_from, written = Provenance.of(head.get("metadata")), []
     known = system_of_head(head, sources[0]) if sources else None

@@ -35,6 +35,7 @@ from eaves.run.clock import Clock
 from eaves.run.manifest import MANIFEST, begin_manifest
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
+from eaves.run.set_aside import set_aside, work_of_persons
 from eaves.run.store import SECONDS
 from eaves.run.workers import peak_memory_mb
 
@@ -202,7 +203,7 @@ def write_outputs(
         points = run.index.points if run.window == Window() else points_used(region)
         sink.start(points, len(sizes), sum(sizes))
     if run.classified is None:
-        begin_manifest(run.folder)
+        begin_writing(run)
     written: dict[str, list[Path]] = {}
     progress("write", 0, len(steps))
     order = sorted(steps, key=LONGEST_FIRST.index)
@@ -247,6 +248,12 @@ def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> 
     """Write the QGIS project that shows footprints.gpkg over the terrain among `files`; its path."""
     write_project(folder / "buildings.qgz", folder / "footprints.gpkg", files, system)
     return folder / "buildings.qgz"
+
+
+def begin_writing(run: Run) -> None:
+    """Move aside what a person changed or added since the run began, and note what it is about to write."""
+    set_aside(run.folder, [path for path, _ in work_of_persons(run.folder, run.planned)])
+    begin_manifest(run.folder, planned=run.planned)
 
 
 def note(run: Run, files: Sequence[Path]) -> None:

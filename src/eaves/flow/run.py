@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Self, Unpack
 
 from eaves.flow.advice import scan_facts
-from eaves.flow.collisions import refuse_collisions, refuse_overwrite
-from eaves.flow.exports import check_formats
+from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
+from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
 from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
@@ -91,6 +91,8 @@ class Run:
     """Inputs that could not be opened, with the reason."""
     translate: tuple[float, ...] | None = None
     """The origin of the models' coordinates, where an earlier run's lines are to stay."""
+    carries_edits: bool = False
+    """True if the edits that the folder holds are carried out again."""
     started: float = 0.0
     remote: Mapping[str, Any] = field(default_factory=dict)
     """Traffic over the network (`formats.points.remote.Traffic`)."""
@@ -112,7 +114,7 @@ class Run:
     @property
     def by_tiles(self) -> bool:
         """True if the run is computed by tiles."""
-        return self.classified is None and (self.options["per_tile"] or self.index.points > TILES_ABOVE)
+        return self.classified is None and goes_by_tiles(self.index, self.options)
 
     @property
     def jobs(self) -> int:
@@ -133,6 +135,11 @@ class Run:
         return Provenance(names, len(self.index), datum["name"], datum["status"])
 
     @property
+    def planned(self) -> set[str]:
+        """Names in the folder of the files, and folders of files, that it writes."""
+        return planned_files(self.index, self.options)
+
+    @property
     def lock(self) -> str:
         """Name of the file that holds the folder for this run; several may each write one file into it."""
         return LOCK if self.classified is None else f"{LOCK}-{self.classified.stem}"
@@ -148,10 +155,11 @@ def open_run(
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
+    carries_edits: bool = False,
     **options: Unpack[RunOptions],
 ) -> Run:
     """The run that is asked for (`plan_run`), with its folder, which can be written."""
-    run = plan_run(inputs, out, recipe, progress, **options)
+    run = plan_run(inputs, out, recipe, progress, carries_edits, **options)
     claim(run.folder)
     return run
 
@@ -161,6 +169,7 @@ def plan_run(
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
+    carries_edits: bool = False,
     **options: Unpack[RunOptions],
 ) -> Run:
     """The run that is asked for: every option checked, headers and polygons read, nothing written.
@@ -175,6 +184,8 @@ def plan_run(
         The methods, instead of the options that name them.
     progress
         Called while headers are read.
+    carries_edits
+        The edits that the folder holds are carried out again, not written over.
     options
         The keywords of `RunOptions`, documented at `eaves.build`.
 
@@ -224,9 +235,13 @@ def plan_run(
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
+    single = options["classified"] is not None or goes_by_tiles(index, options)
+    carries_edits = carries_edits and not single and (folder / EDITS).exists()
     plan = describe_plan(index, recipe, options, map_, hashes)
+    if options["as_published"] and options["source"]:
+        log.info("as published: %s", find_source(options["source"]).printed)
     if options["classified"] is None and not options["overwrite"]:
-        refuse_overwrite(folder, plan)
+        refuse_overwrite(folder, plan, planned_files(index, options), carries_edits)
     warn_of_heights(index.system, options["formats"])
     given = "footprints" in polygons
     run = Run(
@@ -243,6 +258,7 @@ def plan_run(
         lost=tuple(lost) if given else (),
         addresses=() if given else known,
         failed=tuple(failed),
+        carries_edits=carries_edits and not options["overwrite"],
         started=started,
     )
     if not (options["resume"] or run.by_tiles):
@@ -291,7 +307,7 @@ def check_whole(index: Index, options: RunOptions) -> None:
     single = options["classified"]
     if single is not None and len(index) > 1:
         raise InputError(f"{single}: one file cannot hold {len(index)} inputs; give a folder with -o")
-    if options["keep"] and (options["per_tile"] or index.points > TILES_ABOVE or single is not None):
+    if options["keep"] and (goes_by_tiles(index, options) or single is not None):
         raise InputError("--keep: a run by tiles keeps no parts; build a part of it with --bounds")
 
 
@@ -339,6 +355,24 @@ def claim(folder: Path) -> None:
         ) from None
 
 
+def goes_by_tiles(index: Index, options: RunOptions) -> bool:
+    """True if a run that writes a folder is computed by tiles."""
+    return options["per_tile"] or index.points > TILES_ABOVE
+
+
+def planned_files(index: Index, options: RunOptions) -> set[str]:
+    """Names in the output folder of the files, and folders of files, that a run will write."""
+    planned, taken = planned_names(options["outputs"], options["formats"]), set[str]()
+    if goes_by_tiles(index, options):
+        planned.add("tiles")
+    if options["steps"]:
+        planned.add("steps")
+    for number in range(len(index)) if "classified" in options["outputs"] else ():
+        name = classified_name(index.path(number), len(index) == 1, taken)
+        planned |= {name, str(Path(name).with_suffix(".copc.laz"))} if COPC in options["formats"] else {name}
+    return planned
+
+
 def describe_plan(
     index: Index,
     recipe: Recipe,
@@ -366,6 +400,7 @@ def describe_plan(
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,
         "vegetation": None if vegetation is None else vegetation.model_dump(),
         "others": recipe.others,
+        "smallest": recipe.smallest,
         "lod": recipe.lod,
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "buffer": recipe.buffer,

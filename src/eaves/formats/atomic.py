@@ -46,9 +46,23 @@ SHORT = 200
 
 
 def show_file(hidden: Path, target: Path) -> None:
-    """Bring a whole file to the disk and give it its name."""
+    """Bring a whole file to the disk and give it its name. Whoever has opened the file before goes on reading
+    what it was.
+
+    Raises
+    ------
+    InputError
+        When it is a database that another program is changing.
+    """
     with hidden.open("rb+") as file:
         os.fsync(file.fileno())
+    for suffix in ("-wal", "-shm"):  # of a database: whoever holds the old one would spoil the new one
+        beside = target.with_name(f"{target.name}{suffix}")
+        if suffix == "-wal" and beside.exists() and beside.stat().st_size:
+            raise InputError.about(
+                target, "is being edited in another program", "close it there, and run again"
+            )
+        beside.unlink(missing_ok=True)
     os.replace(hidden, target)
     with suppress(OSError):  # Windows opens no folders; there the name is kept with the file
         folder = os.open(target.parent, os.O_RDONLY)

@@ -6,11 +6,10 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
-from eaves.flow.run import Progress, no_progress, open_run
-from eaves.pipeline import build as build_files
-from eaves.pipeline import build_run, end_run, hold_folder
+from eaves.flow.run import Progress, Run, no_progress, open_run
+from eaves.pipeline import build_run, end_run, hold_folder, no_correction
 from eaves.recipe.recipe import Recipe
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, read_contents
 from eaves.report.notebook import Results
@@ -18,6 +17,9 @@ from eaves.report.page_file import write_page
 from eaves.report.sample import PointSample
 from eaves.run.clock import Clock
 from eaves.run.options import EVERYTHING, RunOptions, list_options
+
+if TYPE_CHECKING:
+    from eaves.change.upkeep.carried import CarriedEdits
 
 
 @list_options
@@ -74,18 +76,29 @@ def build(
     >>> (results.folder / "report.html").exists()
     True
     """
-    if "report" not in (options.get("outputs") or EVERYTHING):
-        summary = build_files(inputs, out, recipe, progress, allow_failures=True, **options)
-        return Results.of(summary).checked(allow_failures)
-    run = open_run(inputs, out, recipe, progress, **options)
-    sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN)
+    shown = "report" in (options.get("outputs") or EVERYTHING)
+    run = open_run(inputs, out, recipe, progress, carries_edits=True, **options)
+    sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN) if shown else None
     with hold_folder(run) as workers:
-        summary = build_run(run, workers, progress, sample)
-        if not run.by_tiles:
+        carried = carried_edits(run)
+        correct = no_correction if carried is None else carried.correct
+        summary = build_run(run, workers, progress, sample, correct)
+        if shown and not run.by_tiles:
             clock, before = Clock(), time.perf_counter()
             page = write_page(read_contents(summary.folder, received=sample), summary.as_text())
             summary = replace(summary, files=(*summary.files, page))
             clock.lap("report")
             summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
+        if carried is not None:
+            summary = replace(summary, files=(*summary.files, carried.keep()))
         end_run(run, summary)
     return Results.of(summary).checked(allow_failures)
+
+
+def carried_edits(run: Run) -> CarriedEdits | None:
+    """The edits that a run finds in its folder and carries on; None where it carries none."""
+    if not run.carries_edits:
+        return None
+    from eaves.change.upkeep.carried import CarriedEdits  # late: most runs have none
+
+    return CarriedEdits.of(run)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,15 +19,23 @@ log = logging.getLogger("eaves")
 MANIFEST = "run.json"
 """Its members `complete` and `written` are the manifest; all others are the facts of the run."""
 Entry = dict[str, Any]
-"""`size` in bytes, `sha256` and of some files `content`; empty for a file of a run that has not ended."""
+"""`size` in bytes, `sha256`, of some files `content`, and the time it was `modified` (ns); empty for a file
+that a run is about to write or has not finished."""
 SQLITE_HEADER = 100
 """Bytes, by the file format."""
 
 
-def begin_manifest(folder: Path, facts: Mapping[str, Any] | None = None, files: Sequence[Path] = ()) -> None:
-    """Say that a run writes here, its facts, and the `files` that it has written: until it ends, what an
-    earlier one left is no result, and whatever happens, a run after this one knows the files as ours."""
-    entries: dict[str, Entry] = {name: {} for name in names_of(folder, files)}
+def begin_manifest(
+    folder: Path,
+    facts: Mapping[str, Any] | None = None,
+    files: Sequence[Path] = (),
+    planned: Iterable[str] = (),
+) -> None:
+    """Say that a run writes here, its facts, the `files` that it has written, and the names `planned` of
+    others: until it ends, what an earlier one left is no result, and whatever happens, a run after this one
+    knows the files as ours."""
+    entries: dict[str, Entry] = {name: {} for name in planned}
+    entries |= {name: entry_of(folder / name) for name in names_of(folder, files)}
     write_manifest(folder, facts or {}, {**known_files(folder), **entries}, False)
 
 
@@ -39,7 +48,7 @@ def end_manifest(folder: Path, files: Sequence[Path], complete: bool = True, **f
     earlier = known_files(folder)
     for name in sorted(earlier.keys() - set(names)):
         remove_own(folder / name, earlier[name])
-    entries = {name: entry_of(folder / name) for name in names}
+    entries = {name: current_entry(folder / name, earlier.get(name)) for name in names}
     write_manifest(folder, {**read_facts(folder), **facts}, entries, complete)
 
 
@@ -65,30 +74,41 @@ def entry_of(path: Path) -> Entry:
     a program changes that only shows the file."""
     with path.open("rb") as file:
         entry = {"size": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+        entry["modified"] = path.stat().st_mtime_ns
         if path.suffix == ".gpkg":
             file.seek(SQLITE_HEADER)
             entry["content"] = hashlib.file_digest(file, "sha256").hexdigest()
         return entry
 
 
+def current_entry(path: Path, entry: Entry | None) -> Entry:
+    """The entry of a file as it is: the one that is there, where size and time say that it holds."""
+    words = path.stat()
+    if entry and (entry["size"], entry.get("modified")) == (words.st_size, words.st_mtime_ns):
+        return entry
+    return entry_of(path)
+
+
 def is_changed(path: Path, entry: Entry) -> bool:
-    """True if an existing file differs from its entry."""
+    """True if what bears a name differs from its entry."""
     log_of_changes = path.with_name(f"{path.name}-wal")  # of a GeoPackage that is open elsewhere
-    if path.stat().st_size != entry["size"] or (log_of_changes.exists() and log_of_changes.stat().st_size):
+    if not path.is_file() or path.stat().st_size != entry["size"]:
         return True
+    if log_of_changes.exists() and log_of_changes.stat().st_size:
+        return True
+    if path.stat().st_mtime_ns == entry.get("modified"):
+        return False
     now, mark = entry_of(path), "content" if "content" in entry else "sha256"
     return bool(now.get(mark) != entry[mark])
 
 
 def changed_files(folder: Path) -> Iterator[Path]:
-    """The files that runs wrote into a folder and its tiles and somebody changed since. Those that are older
-    than the list of files are not opened."""
-    since = (folder / MANIFEST).stat().st_mtime_ns if (folder / MANIFEST).exists() else 0
+    """The files that runs wrote into a folder and its tiles and somebody changed since."""
     for name, entry in sorted(known_files(folder).items()):
         path = folder / name
         if path.name == MANIFEST and path.parent != folder:  # a tile's
             yield from changed_files(path.parent)
-        elif entry and path.is_file() and path.stat().st_mtime_ns >= since and is_changed(path, entry):
+        elif entry and os.path.lexists(path) and is_changed(path, entry):
             yield path
 
 

@@ -211,7 +211,8 @@ class RunOptions(TypedDict, total=False):
     overwrite: Annotated[
         bool,
         Option(
-            "Overwrite edits, changed files and results of other inputs in the output folder.",
+            "Write over results of other inputs in the output folder; move edits, changed and added files in "
+            "the way to `before-1` in it.",
             False,
         ),
     ]

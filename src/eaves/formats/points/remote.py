@@ -238,7 +238,7 @@ def files_of_list(given: str | Path, bounds: Rectangle | None, traffic: Traffic)
             yield href if is_address(href) else str(Path(given).parent / href)
     except InputError:
         raise
-    except (KeyError, TypeError, AttributeError, StopIteration, IndexError, ValueError):
+    except (KeyError, TypeError, AttributeError, StopIteration, IndexError, ValueError, RecursionError):
         raise broken from None
     except OSError as error:
         raise InputError.about(title, f"cannot be read ({error.strerror})", "check the path") from None
@@ -247,6 +247,8 @@ def files_of_list(given: str | Path, bounds: Rectangle | None, traffic: Traffic)
 def read_json(given: str | Path, traffic: Traffic) -> Any:
     """The content of a file of JSON, by path or address."""
     if not is_address(given):
+        if Path(given).stat().st_size > LARGEST_LIST:
+            raise ValueError
         return json.loads(Path(given).read_text(encoding="utf-8"))
     stream = RemoteFile(str(given), traffic)
     if stream.size > LARGEST_LIST:
