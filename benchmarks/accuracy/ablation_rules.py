@@ -177,7 +177,7 @@ UNITS = (
 )
 FLAT = "reconstruct.arrangement:"
 ROOF = (
-    of("roof", "scan lines", 2, {"roof.global_refinement.method:on_lines": lambda *_: False}),
+    of("roof", "scan lines", 2, {"roof.global_refinement:on_lines": lambda *_: False}),
     of("roof", "planes in what is left", 1, {"roof.left_neighbours": 10**6}),
     of("roof", "price", 1, {"roof.price": 0.0}),
     of("roof", "relabelling", 5, {"roof.rounds": 0}),

@@ -21,7 +21,7 @@ from eaves.blocks.block_file import CANDIDATE_HEIGHT
 from eaves.buildings.gather import MARGIN
 from eaves.detect import detect_buildings
 from eaves.evaluate.footprints import count_vertices, outline_distances
-from eaves.footprints.given import repair_footprints
+from eaves.footprints.read import repair_footprints
 from eaves.footprints.snap import snap_footprints
 from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing

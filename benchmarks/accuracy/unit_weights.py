@@ -38,14 +38,12 @@ from eaves.raster.surfaces import make_scene
 from eaves.simulate import scan_town, simulate_town, town_of_model
 from eaves.simulate.objects.exact import ExactScene
 from eaves.units import divide_block
-from eaves.units.row_walls import evidence, merging
-from eaves.units.row_walls.division import RowUnits, label_unit_cells
+from eaves.units.row_walls import division, evidence
+from eaves.units.row_walls.division import RowUnits, border_odds, borders_between, label_unit_cells
 from eaves.units.row_walls.evidence import WEIGHTS, roof_noise, traits_of, wall_odds, wall_signs
-from eaves.units.row_walls.merging import border_odds, borders_between
-from eaves.units.row_walls.method import RowWalls, directions_of
+from eaves.units.row_walls.method import WEIGHTS as SEVERAL
+from eaves.units.row_walls.method import RowWalls, directions_of, odds_of_several, traits_of_block
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan, rows_of
-from eaves.units.row_walls.several import WEIGHTS as SEVERAL
-from eaves.units.row_walls.several import odds_of_several, traits_of_block
 
 DATA = Path(os.environ.get("EAVES_DATA", "data"))
 DENSITY, SPARSE, NOISE = 10.0, 3.0, 0.03
@@ -199,7 +197,7 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
             there = border_is_wall(plan, places, tree)
             if there is not None:
                 odds = border_odds(plan, places, block.points, noise)
-                borders.append((float(np.clip(odds, -merging.MOST_ODDS, merging.MOST_ODDS)), there))
+                borders.append((float(np.clip(odds, -division.MOST_ODDS, division.MOST_ODDS)), there))
     return walls, borders
 
 
@@ -214,7 +212,7 @@ def walls_in_row(units: RowUnits, tree: STRtree) -> Sure:
         if owners_of(np.column_stack(beside), tree).min() >= 0:
             with np.errstate(divide="ignore"):
                 odds = float(np.log(sure) - np.log1p(-sure))
-            told.append((float(np.clip(odds, -merging.MOST_ODDS, merging.MOST_ODDS)), bool(near[wall])))
+            told.append((float(np.clip(odds, -division.MOST_ODDS, division.MOST_ODDS)), bool(near[wall])))
     return told
 
 
@@ -397,7 +395,7 @@ def main() -> None:
                 row[measure] = f"{np.mean(values):.3f} ± {np.std(values):.3f}"
             rows.append({**row, "left out": "yes" if name not in learned_on else "no"})
     told = {name: found_walls(blocks[name], towns[name]) for name in towns}
-    for k, (kind, line) in enumerate({"rows": merging.OF_ROWS, "borders": merging.OF_BORDERS}.items()):
+    for k, (kind, line) in enumerate({"rows": division.OF_ROWS, "borders": division.OF_BORDERS}.items()):
         lines = {c: line_of([one for name in names for one in told[name][k]]) for c, names in choices.items()}
         print(f"certainty, {kind}: in use {line}, learned {lines}")
         for choice, test in (("drawn towns", "delfshaven"), ("all", "delfshaven")):

@@ -24,7 +24,7 @@ import eaves
 from benchmarks.gallery.solids import FOLDER, save_small
 from eaves.formats.rasters.geotiff import read_raster
 from eaves.model import Raster
-from eaves.report.convert import footprint_frame
+from eaves.report.notebook import footprint_frame
 from eaves.run.manifest import read_facts
 
 SURVEYS: dict[str, tuple[str, str | None]] = {

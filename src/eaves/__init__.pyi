@@ -54,9 +54,9 @@ from .reconstruct.moments import Moments as Moments
 from .reconstruct.plane_intersection import PlaneIntersection as PlaneIntersection
 from .reconstruct.prism import Prism as Prism
 from .report.build import build as build
-from .report.convert import to_geopandas as to_geopandas
-from .report.convert import to_trimesh as to_trimesh
 from .report.notebook import Results as Results
+from .report.notebook import to_geopandas as to_geopandas
+from .report.notebook import to_trimesh as to_trimesh
 from .roof import RoofMethod as RoofMethod
 from .roof import segment_roof as segment_roof
 from .roof.global_refinement import GlobalRefinement as GlobalRefinement

@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon, affinity, box
 
-from eaves.footprints.given import clip_footprints, repair_footprints
-from eaves.footprints.party_walls import split_block
+from eaves.footprints.addresses import split_block
+from eaves.footprints.read import clip_footprints, repair_footprints
 from eaves.footprints.snap import snap_footprints
 from eaves.model import Bounds, Failure, Footprint
 

@@ -98,7 +98,7 @@ def test_the_code_of_a_method_is_in_the_keys_of_the_steps_that_are_given_it_alon
 
 def test_a_detector_does_not_reach_the_ground_nor_a_roof_the_regions(kept: Run, tree: Path) -> None:
     before = keys_in(tree, kept)
-    add_line(tree / "roof" / "global_refinement" / "method.py")
+    add_line(tree / "roof" / "global_refinement.py")
     assert changed(before, keys_in(tree, kept)) == {"buildings", "edited"}
     before = keys_in(tree, kept)
     add_line(tree / "detect" / "consensus" / "method.py")

@@ -10,8 +10,7 @@ import pytest
 from matplotlib.image import imread
 
 from eaves.model.summary import Summary
-from eaves.report.plots.axonometry import cut_lines, cut_triangles, view_matrix
-from eaves.report.plots.errors import agreement
+from eaves.report.plots.drawings import agreement, cut_lines, cut_triangles, view_matrix
 from eaves.report.plots.plot import plot_run
 
 

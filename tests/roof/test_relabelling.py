@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from eaves.roof.global_refinement.relabelling import near_regions, relabel_kernel
+from eaves.roof.global_refinement import near_regions, relabel_kernel
 from eaves.roof.toolkit.regions import touching_regions
 
 OUTLIER, SMOOTHNESS = 2.0, 1.5

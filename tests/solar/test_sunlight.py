@@ -11,8 +11,7 @@ import shapely
 
 from eaves.formats import InputError
 from eaves.model import Raster
-from eaves.solar.horizon import horizons, lit_light, sky_shares
-from eaves.solar.roofs import SolarRules, light_in_the_open, light_on_faces
+from eaves.solar.roofs import SolarRules, horizons, light_in_the_open, light_on_faces, lit_light, sky_shares
 from eaves.solar.sun import (
     HOURS,
     Hours,

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from shapely import box
 
 from eaves.units import divide_block
-from eaves.units.row_walls.division import RowUnits
+from eaves.units.row_walls.division import MergeRules, RowUnits, merged_units
 from eaves.units.row_walls.evidence import USUAL_NOISE_M, roof_noise
-from eaves.units.row_walls.merging import MergeRules, merged_units
+from eaves.units.row_walls.method import SURE, odds_of_several
 from eaves.units.row_walls.rows import HouseRow, Plan
-from eaves.units.row_walls.several import SURE, odds_of_several
 
 HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
 

@@ -72,7 +72,7 @@ def roofs_of(buildings: Sequence[CityBuilding], origin: tuple[float, float]) -> 
 def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityBuilding:
     geometries = [(item, geometry) for item in items for geometry in item.geometries]
     lods = tuple(sorted({geometry.lod for _, geometry in geometries}))
-    wanted = lod if lod is not None else max((level for level in lods if level >= "1"), default="")
+    finest = lod if lod is not None else max((level for level in lods if level >= "1"), default="")
     faces: list[Rings] = []
     is_roof: list[bool] = []
     ground: list[Polygon] = []
@@ -81,10 +81,10 @@ def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityB
             if not has_corners(face):
                 continue
             rings = [item.vertices[list(ring)] for ring in face.rings]
-            if geometry.lod == wanted:
+            if geometry.lod == finest:
                 faces.append(rings)
                 is_roof.append(face.surface == ROOF_SURFACE or (not face.surface and _faces_up(rings)))
-            if geometry.lod == "0" or (face.surface == GROUND_SURFACE and geometry.lod == wanted):
+            if geometry.lod == "0" or (face.surface == GROUND_SURFACE and geometry.lod == finest):
                 ground.append(_shadow(rings))
     plan = ground or [_shadow(rings) for rings, up in zip(faces, is_roof, strict=True) if up]
     footprint = shapely.union_all([shapely.make_valid(shape) for shape in plan], grid_size=0.001)
@@ -92,7 +92,7 @@ def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityB
         footprint = MultiPolygon(polygon_parts(footprint))
     table = FaceTable.of(faces)
     roofs = table.take(np.array(is_roof, bool))
-    return CityBuilding(name, wanted if faces else "", lods, roofs, table, footprint, items[0].system)
+    return CityBuilding(name, finest if faces else "", lods, roofs, table, footprint, items[0].system)
 
 
 def _shadow(rings: Rings) -> Polygon:

@@ -15,14 +15,13 @@ from scipy import ndimage
 from eaves.evaluate.matching import (
     SMALLEST,
     Matching,
-    Numbers,
     match_objects,
     relation_of,
     rim_distances,
     rim_of,
 )
 from eaves.evaluate.scores import Agreement, root_mean_square
-from eaves.model import Mask
+from eaves.model import Integers, Mask
 from eaves.model.checks import check_positive, check_same_shape
 
 LARGE_AREAS = (10.0, 50.0)
@@ -82,7 +81,7 @@ class DetectionScore:
     rows: tuple[ObjectRow, ...]
 
 
-def label_objects(mask: Mask) -> Numbers:
+def label_objects(mask: Mask) -> Integers:
     """Labels of the pieces of a mask: cells that share a side belong together.
 
     Parameters
@@ -114,8 +113,8 @@ def label_objects(mask: Mask) -> Numbers:
 
 
 def evaluate_detection(
-    result: Numbers,
-    reference: Numbers,
+    result: Integers,
+    reference: Integers,
     cell: float,
     known: Mask | None = None,
     smallest: float = SMALLEST,

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import laspy
 import numpy as np
 import pyogrio
+from scipy.spatial import cKDTree
 
 from eaves.evaluate.city import read_buildings, roofs_of
 from eaves.evaluate.detection import evaluate_detection
@@ -21,15 +23,14 @@ from eaves.evaluate.images import (
     open_buildings,
     plane_image,
 )
-from eaves.evaluate.labelled_points import match_points, pair_points, read_labelled_points
-from eaves.evaluate.matching import Numbers
 from eaves.evaluate.models import evaluate_models, lay_points
 from eaves.evaluate.report import Evaluation, evaluation_rows, write_report
 from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
 from eaves.formats import InputError, read, read_polygons
 from eaves.formats.vectors.vector_files import checked_vector
-from eaves.model import Mask, PointCloud, Raster, Values
+from eaves.geometry.neighbours import measure_spacing
+from eaves.model import Integers, Mask, PointCloud, Points, Raster, Values
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.validate import validate_file
@@ -88,8 +89,8 @@ def evaluate_files(
         raise ValueError(f"{option} is for models only, not for {what}; leave it out")
     if what not in COMPARISONS:
         raise ValueError(f"'{what}' cannot be evaluated; choose one of: {', '.join(COMPARISONS)}")
-    found = COMPARISONS[what](Path(result), Path(reference), **options)
-    evaluation = Evaluation(what, str(result), str(reference), **found)
+    comparison = COMPARISONS[what](Path(result), Path(reference), **options)
+    evaluation = Evaluation(what, str(result), str(reference), **comparison)
     if report is not None:
         write_report(evaluation, report)
     return evaluation
@@ -118,8 +119,8 @@ def compare_detection(result: Path, reference: Path) -> dict[str, Any]:
     judged = open_buildings(result, true.system)
     grid = common_grid(judged, true)
     labels, _ = judged.label_image(grid)
-    truth, known = true.label_image(grid)
-    score = evaluate_detection(labels, truth, grid.cell, known)
+    truth, certain = true.label_image(grid)
+    score = evaluate_detection(labels, truth, grid.cell, certain)
     figures = {
         **_figures("area", score.area),
         **_figures("objects", score.objects),
@@ -256,7 +257,7 @@ def _building_points(cloud: PointCloud, path: Path) -> Values:
     return np.asarray(cloud.xyz[cloud.classification == BUILDING] + [*cloud.origin, 0.0])
 
 
-def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
+def _planes(path: Path, grid: Raster) -> tuple[Integers, Values | None]:
     """Plane labels (H, W) of a file, and their heights where it has them."""
     if kind_of(path) == "city":
         origin = (grid.west, grid.north)
@@ -271,3 +272,49 @@ def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
         layers = [str(name) for name, _ in pyogrio.list_layers(safe)]
     polygons: Shapes = read_polygons(path, "roof_planes" if "roof_planes" in layers else None)[0]
     return burn_labels(polygons, grid), None
+
+
+PLANE_ID = "plane_id"
+
+SAME_POINT = 0.02
+"""Points this near (m) are one point of two files."""
+
+
+LabelledPoints = tuple[Points, Integers]
+"""World coordinates (N, 3) in the file's units, and plane numbers (N,), 0 for none."""
+
+
+def read_labelled_points(path: Path) -> LabelledPoints:
+    """The points of a LAS or LAZ file with the extra dimension `plane_id`."""
+    try:
+        las = laspy.read(path)
+    except (OSError, ValueError, laspy.errors.LaspyException) as error:
+        raise InputError.about(path, f"cannot be read ({error})", "give LAS or LAZ") from None
+    if PLANE_ID not in set(las.point_format.extra_dimension_names):
+        raise InputError.about(
+            path, f"has no dimension '{PLANE_ID}'", "give classified.laz of a run, or a simulated scan"
+        )
+    return np.asarray(las.xyz, np.float64), np.asarray(las[PLANE_ID], np.int64)
+
+
+def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Integers, Integers, float]:
+    """Plane numbers (N,) of result and reference at the reference's points, and the area (m²) of a point.
+
+    A point the result lacks has no plane there.
+    """
+    (xyz, planes), (places, true) = result, reference
+    matched, partner = match_points(xyz, places)
+    plane = np.zeros(len(places), np.int64)
+    plane[matched] = planes[partner]
+    return plane, true, measure_spacing(places[true > 0] - places[:1]) ** 2
+
+
+def match_points(result: Points, reference: Points) -> tuple[Mask, Integers]:
+    """Mask (N,) of the points of a reference (N, 3) in a result (M, 3), and the number (K,) of each in the
+    result."""
+    if len(result) == 0 or len(reference) == 0:
+        return np.zeros(len(reference), bool), np.zeros(0, np.int64)
+    origin = reference.min(axis=0)
+    away, which = cKDTree(result - origin).query(reference - origin, distance_upper_bound=SAME_POINT)
+    matched = np.isfinite(away)
+    return matched, np.asarray(which)[matched]

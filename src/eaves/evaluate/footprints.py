@@ -125,77 +125,81 @@ def evaluate_footprints(
     >>> score.pairs, round(score.mean_iou, 2)
     (1, 0.9)
     """
-    found, wanted = (shapely.make_valid(np.array(list(shapes), object)) for shapes in (result, reference))
+    results, references = (
+        shapely.make_valid(np.array(list(shapes), object)) for shapes in (result, reference)
+    )
     names, wanted_names = (
         [str(k + 1) for k in range(len(shapes))] if ids is None else list(ids)
-        for shapes, ids in ((found, result_ids), (wanted, reference_ids))
+        for shapes, ids in ((results, result_ids), (references, reference_ids))
     )
-    for side, shapes, ids in (("result", found, names), ("reference", wanted, wanted_names)):
+    for side, shapes, ids in (("result", results, names), ("reference", references, wanted_names)):
         if len(ids) != len(shapes):
             raise ValueError(
                 f"{side}_ids must be one id for each of {len(shapes)} polygons, not {len(ids)} ids"
             )
-    pairs = pair_by_overlap(found, wanted)
+    pairs = pair_by_overlap(results, references)
     rows, offsets = [], []
-    for number, shape in enumerate(wanted):
+    for number, shape in enumerate(references):
         partner = pairs.get(number)
         row = FootprintRow(
             wanted_names[number], None, float(shape.area), vertices_reference=count_vertices(shape)
         )
         if partner is not None:
-            distance = outline_distances(found[partner], shape)
+            distance = outline_distances(results[partner], shape)
             offsets.append(distance)
-            row = _compared(row, names[partner], found[partner], shape, distance)
+            row = _compared(row, names[partner], results[partner], shape, distance)
         rows.append(row)
     paired = [row for row in rows if row.result is not None]
-    both = shapely.union_all(found), shapely.union_all(wanted)
-    shared = float(shapely.intersection(*both).area)
+    unions = shapely.union_all(results), shapely.union_all(references)
+    shared = float(shapely.intersection(*unions).area)
     return FootprintScore(
-        Agreement(shared, float(both[1].area), shared, float(both[0].area)),
+        Agreement(shared, float(unions[1].area), shared, float(unions[0].area)),
         len(paired),
-        len(wanted),
-        len(found),
+        len(references),
+        len(results),
         mean_of([row.iou for row in paired]),
         root_mean_square(np.concatenate(offsets) if offsets else np.zeros(0)),
         float(np.median([row.hausdorff_m for row in paired])) if paired else float("nan"),
         mean_of([row.polis_m for row in paired if row.polis_m is not None]),
         ratio(sum(row.vertices or 0 for row in paired), sum(row.vertices_reference for row in paired)),
         tuple(rows),
-        *_united(found, wanted),
+        *_united(results, references),
     )
 
 
-def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[dict[str, int], float, float]:
+def _united(
+    results: NDArray[np.object_], references: NDArray[np.object_]
+) -> tuple[dict[str, int], float, float]:
     """Number of groups of each relation; mean IoU of their unions, RMS (m) of their outlines."""
-    two, one = _meeting(found, wanted)
-    shared = shapely.area(shapely.intersection(found[one], wanted[two]))
-    judged, true = (Objects(np.arange(len(shapes)), shapely.area(shapes)) for shapes in (found, wanted))
-    matching = Matching(judged, true, one, two, shared)
+    reference_number, result_number = _meeting(results, references)
+    shared = shapely.area(shapely.intersection(results[result_number], references[reference_number]))
+    judged, true = (Objects(np.arange(len(shapes)), shapely.area(shapes)) for shapes in (results, references))
+    matching = Matching(judged, true, result_number, reference_number, shared)
     overlaps, offsets = [], [np.zeros(0)]
     for group in np.intersect1d(*matching.groups):
-        here, there = (
-            shapely.union_all(shapes[own == group], grid_size=COORDINATE_STEP)
-            for shapes, own in zip((found, wanted), matching.groups, strict=True)
+        union, true_union = (
+            shapely.union_all(shapes[groups == group], grid_size=COORDINATE_STEP)
+            for shapes, groups in zip((results, references), matching.groups, strict=True)
         )
-        both = float(here.intersection(there).area)
-        overlaps.append(ratio(both, here.area + there.area - both))
-        offsets.append(outline_distances(here, there))
+        common = float(union.intersection(true_union).area)
+        overlaps.append(ratio(common, union.area + true_union.area - common))
+        offsets.append(outline_distances(union, true_union))
     return matching.relations, mean_of(overlaps), root_mean_square(np.concatenate(offsets))
 
 
-def _meeting(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> NDArray[np.int64]:
+def _meeting(results: NDArray[np.object_], references: NDArray[np.object_]) -> NDArray[np.int64]:
     """The numbers (2, P) of the wanted and found shapes that meet."""
-    if len(found) == 0 or len(wanted) == 0:
+    if len(results) == 0 or len(references) == 0:
         return np.zeros((2, 0), np.int64)
-    return np.asarray(shapely.STRtree(found).query(wanted, predicate="intersects"))
+    return np.asarray(shapely.STRtree(results).query(references, predicate="intersects"))
 
 
-def pair_by_overlap(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> dict[int, int]:
+def pair_by_overlap(results: NDArray[np.object_], references: NDArray[np.object_]) -> dict[int, int]:
     """Reference → result of the pairs that share most area, each polygon in one pair at most."""
-    two, one = _meeting(found, wanted)
-    shared = shapely.area(shapely.intersection(found[one], wanted[two]))
-    order = np.lexsort((one, two, -shared))
-    return pair_off((int(two[k]), int(one[k])) for k in order if shared[k] > 0)
+    reference_number, result_number = _meeting(results, references)
+    shared = shapely.area(shapely.intersection(results[result_number], references[reference_number]))
+    order = np.lexsort((result_number, reference_number, -shared))
+    return pair_off((int(reference_number[k]), int(result_number[k])) for k in order if shared[k] > 0)
 
 
 def outline_distances(
@@ -206,11 +210,11 @@ def outline_distances(
     return np.asarray(shapely.distance(shapely.points(along), reference.boundary))
 
 
-def polis(one: Polygon | MultiPolygon, two: Polygon | MultiPolygon) -> float:
+def polis(first: Polygon | MultiPolygon, second: Polygon | MultiPolygon) -> float:
     """PoLiS distance (m) [avbelj2015], eq. 4: mean distance of the vertices of each from the other's rim."""
     means = [
-        shapely.distance(shapely.points(vertices_of(here)), there.boundary).mean()
-        for here, there in ((one, two), (two, one))
+        shapely.distance(shapely.points(vertices_of(here)), target.boundary).mean()
+        for here, target in ((first, second), (second, first))
     ]
     return float(sum(means) / 2)
 
@@ -229,21 +233,21 @@ def count_vertices(shape: Polygon | MultiPolygon) -> int:
 def _compared(
     row: FootprintRow,
     name: str,
-    found: Polygon | MultiPolygon,
-    wanted: Polygon | MultiPolygon,
+    result: Polygon | MultiPolygon,
+    reference: Polygon | MultiPolygon,
     distance: NDArray[np.float64],
 ) -> FootprintRow:
     """A row with the footprint that was found, its outline so far (N,) from the reference's."""
-    shared = float(found.intersection(wanted).area)
+    shared = float(result.intersection(reference).area)
     return replace(
         row,
         result=name,
-        area_error_m2=float(found.area - wanted.area),
-        iou=ratio(shared, found.area + wanted.area - shared),
+        area_error_m2=float(result.area - reference.area),
+        iou=ratio(shared, result.area + reference.area - shared),
         rms_m=root_mean_square(distance),
-        hausdorff_m=max(float(distance.max()), float(outline_distances(wanted, found).max())),
-        polis_m=polis(found, wanted),
-        vertices=count_vertices(found),
+        hausdorff_m=max(float(distance.max()), float(outline_distances(reference, result).max())),
+        polis_m=polis(result, reference),
+        vertices=count_vertices(result),
     )
 
 

@@ -9,17 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from rasterio import Affine
 from rasterio.features import rasterize
 from shapely import MultiPolygon, Polygon
 
 from eaves.evaluate.city import read_buildings
 from eaves.evaluate.detection import label_objects
-from eaves.evaluate.matching import Numbers
 from eaves.formats import InputError, read, read_polygons, read_raster
 from eaves.geometry.roof_fit import RoofFaces
-from eaves.model import Bounds, CoordinateSystem, Mask, PointCloud, Raster, Values
+from eaves.model import Bounds, CoordinateSystem, Integers, Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.raster.grid import cell_centres, empty_raster, highest_points, whole_cells
@@ -66,7 +64,7 @@ class BuildingSource:
             return self.cloud.bounds.translated(*self.cloud.origin) if len(self.cloud) else None
         return Bounds(*map(float, shapely.total_bounds(self.polygons))) if self.polygons else None
 
-    def label_image(self, grid: Raster) -> tuple[Numbers, Mask]:
+    def label_image(self, grid: Raster) -> tuple[Integers, Mask]:
         """Labels of buildings (H, W) on the cells of a grid, and where they are known."""
         if self.raster is not None:
             return _from_raster(self.raster, grid)
@@ -111,7 +109,7 @@ def common_grid(result: BuildingSource, reference: BuildingSource, cell: float =
     return empty_raster(whole_cells(reduce(Bounds.union, boxes), cell), cell, 0.0)
 
 
-def burn_labels(polygons: Sequence[Polygon | MultiPolygon], grid: Raster) -> Numbers:
+def burn_labels(polygons: Sequence[Polygon | MultiPolygon], grid: Raster) -> Integers:
     """Cells (H, W) whose centre lies in polygon k get k + 1; of several polygons the last."""
     shapes = [(shape, number) for number, shape in enumerate(polygons, 1) if not shape.is_empty]
     if not shapes:
@@ -120,7 +118,7 @@ def burn_labels(polygons: Sequence[Polygon | MultiPolygon], grid: Raster) -> Num
     return np.asarray(rasterize(shapes, grid.shape, transform=transform, dtype="int32"), np.int64)
 
 
-def plane_image(faces: RoofFaces, grid: Raster) -> tuple[Numbers, Values]:
+def plane_image(faces: RoofFaces, grid: Raster) -> tuple[Integers, Values]:
     """The number, from 1, of the highest roof face at each cell centre (H, W), and its height; else 0, NaN.
 
     The faces' origin is the grid's.
@@ -142,26 +140,26 @@ def plane_image(faces: RoofFaces, grid: Raster) -> tuple[Numbers, Values]:
     return burnt_labels, heights
 
 
-def _from_raster(raster: Raster, grid: Raster) -> tuple[Numbers, Mask]:
+def _from_raster(raster: Raster, grid: Raster) -> tuple[Integers, Mask]:
     """Nearest cells; several values are labels, one value is a mask whose pieces are the objects."""
     row, column = raster.cell_of(cell_centres(grid))
     inside = (row >= 0) & (row < raster.shape[0]) & (column >= 0) & (column < raster.shape[1])
     values = np.full(len(row), np.nan, np.float32)
     values[inside] = raster.values[row[inside], column[inside]]
-    known = np.isfinite(values).reshape(grid.shape)
+    covered = np.isfinite(values).reshape(grid.shape)
     labels = np.nan_to_num(values).astype(np.int64).reshape(grid.shape)
     if len(np.unique(labels[labels > 0])) < 2:
         labels = label_objects(labels > 0)
-    return labels, known
+    return labels, covered
 
 
-def _from_cloud(cloud: PointCloud, grid: Raster) -> tuple[Numbers, Mask]:
+def _from_cloud(cloud: PointCloud, grid: Raster) -> tuple[Integers, Mask]:
     """A cell is of the class of its highest point; cells without points are not known."""
     use = cloud.take(~cloud.noise)
     top = highest_points(use.xyz, grid.bounds.translated(-cloud.origin[0], -cloud.origin[1]), grid.cell)
     assert use.classification is not None
-    known = np.asarray(top >= 0)
+    covered = np.asarray(top >= 0)
     if len(use) == 0:
-        return np.zeros(grid.shape, np.int64), known
-    building: NDArray[np.bool_] = known & (use.classification[np.maximum(top, 0)] == BUILDING)
-    return label_objects(building), known
+        return np.zeros(grid.shape, np.int64), covered
+    building: Mask = covered & (use.classification[np.maximum(top, 0)] == BUILDING)
+    return label_objects(building), covered

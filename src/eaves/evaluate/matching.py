@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from eaves.evaluate.scores import Agreement
-from eaves.model import Mask, Values
+from eaves.model import Integers, Mask, Values
 
 SMALLEST = 2.5
 """Objects under this area (m²) are left out [isprs_evaluation]."""
@@ -34,14 +33,12 @@ partner.
 RELATIONS = ("1:1", "1:M", "N:1", "N:M", "1:0", "0:1")
 """So many of the reference stand for so many of the result; 1:0 was missed, 0:1 is false."""
 
-Numbers = NDArray[np.int64]
-
 
 @dataclass(frozen=True, eq=False)
 class Objects:
     """Objects of one set: their `label` and `area` (m²), both (K,)."""
 
-    label: Numbers
+    label: Integers
     area: Values
 
     def __len__(self) -> int:
@@ -58,8 +55,8 @@ class Matching:
 
     result: Objects
     reference: Objects
-    result_number: Numbers
-    reference_number: Numbers
+    result_number: Integers
+    reference_number: Integers
     shared: Values
 
     @cached_property
@@ -83,11 +80,11 @@ class Matching:
         )
 
     @cached_property
-    def groups(self) -> tuple[Numbers, Numbers]:
+    def groups(self) -> tuple[Integers, Integers]:
         """The group each result (K,) and each reference object (M,) belongs to: those linked by overlaps."""
-        count, one = len(self.result) + len(self.reference), self.result_number[self.together]
-        two = self.reference_number[self.together] + len(self.result)
-        links = coo_array((np.ones(len(one)), (one, two)), shape=(count, count))
+        count, result_node = len(self.result) + len(self.reference), self.result_number[self.together]
+        reference_node = self.reference_number[self.together] + len(self.result)
+        links = coo_array((np.ones(len(result_node)), (result_node, reference_node)), shape=(count, count))
         _, group = connected_components(links, directed=False)
         return group[: len(self.result)].astype(np.int64), group[len(self.result) :].astype(np.int64)
 
@@ -99,17 +96,17 @@ class Matching:
         sizes = zip(
             np.bincount(reference, minlength=count), np.bincount(result, minlength=count), strict=True
         )
-        found = Counter(relation_of(int(n), int(m)) for n, m in sizes)
-        return {name: found[name] for name in RELATIONS}
+        counts = Counter(relation_of(int(n), int(m)) for n, m in sizes)
+        return {name: counts[name] for name in RELATIONS}
 
     def agreement(self, larger_than: float = 0.0) -> Agreement:
         """Objects found and correct, of those over an area (m²); each set is judged by its own areas."""
-        one, two = self.reference.area > larger_than, self.result.area > larger_than
+        large_references, large_results = self.reference.area > larger_than, self.result.area > larger_than
         return Agreement(
-            int((self.reference_covered[one] >= HALF).sum()),
-            int(one.sum()),
-            int((self.result_covered[two] >= HALF).sum()),
-            int(two.sum()),
+            int((self.reference_covered[large_references] >= HALF).sum()),
+            int(large_references.sum()),
+            int((self.result_covered[large_results] >= HALF).sum()),
+            int(large_results.sum()),
         )
 
 
@@ -119,28 +116,30 @@ def relation_of(reference: int, result: int) -> str:
 
 
 def match_objects(
-    result: Numbers, reference: Numbers, area: float, smallest: float = SMALLEST
-) -> tuple[Matching, Numbers, Numbers]:
+    result: Integers, reference: Integers, area: float, smallest: float = SMALLEST
+) -> tuple[Matching, Integers, Integers]:
     """The matching of two label arrays of one shape, 0 for none, and the arrays without the small objects.
 
     `area` (m²) is what one element stands for: that of a cell, or one over the density of points.
     """
     if result.shape != reference.shape:
         raise ValueError(f"label arrays of {result.shape} and {reference.shape} cannot be compared")
-    result, found = _without_small(result, area, smallest)
-    reference, wanted = _without_small(reference, area, smallest)
-    both = (result > 0) & (reference > 0)
-    pairs, counts = np.unique(np.stack([result[both], reference[both]]), axis=1, return_counts=True)
-    one, two = np.searchsorted(found.label, pairs[0]), np.searchsorted(wanted.label, pairs[1])
-    return Matching(found, wanted, one, two, (counts * area).astype(np.float64)), result, reference
+    result, judged = _without_small(result, area, smallest)
+    reference, true = _without_small(reference, area, smallest)
+    shared = (result > 0) & (reference > 0)
+    pairs, counts = np.unique(np.stack([result[shared], reference[shared]]), axis=1, return_counts=True)
+    result_number = np.searchsorted(judged.label, pairs[0])
+    reference_number = np.searchsorted(true.label, pairs[1])
+    shared_m2 = (counts * area).astype(np.float64)
+    return Matching(judged, true, result_number, reference_number, shared_m2), result, reference
 
 
-def _without_small(labels: Numbers, area: float, smallest: float) -> tuple[Numbers, Objects]:
+def _without_small(labels: Integers, area: float, smallest: float) -> tuple[Integers, Objects]:
     """The labels with objects under `smallest` (m²) set to 0, and the objects that remain."""
     label, count = np.unique(labels[labels > 0], return_counts=True)
     large = count * area >= smallest
-    kept = np.where(np.isin(labels, label[large]), labels, 0)
-    return kept, Objects(label[large].astype(np.int64), (count[large] * area).astype(np.float64))
+    large_labels = np.where(np.isin(labels, label[large]), labels, 0)
+    return large_labels, Objects(label[large].astype(np.int64), (count[large] * area).astype(np.float64))
 
 
 FARTHEST = 3.0
@@ -149,11 +148,11 @@ FARTHEST = 3.0
 CANDIDATES = 8
 """Sides whose middles are nearest to a point; the nearest side is among them, as all are of one length."""
 
-Sides = tuple[NDArray[np.float64], NDArray[np.bool_]]
+Sides = tuple[Values, Mask]
 """Middles (N, 2) of cell sides, m from the upper left corner (x right, y down); which are upright (N,)."""
 
 
-def rim_of(inside: NDArray[np.bool_], cell: float) -> Sides:
+def rim_of(inside: Mask, cell: float) -> Sides:
     """The cell sides between inside and outside of a mask (H, W); the raster's frame is outside."""
     framed = np.pad(inside, 1)
     row, column = np.nonzero(framed[1:-1, 1:] != framed[1:-1, :-1])
@@ -169,9 +168,9 @@ def rim_distances(result: Sides, reference: Sides, cell: float) -> Values:
     middles, (targets, upright) = result[0], reference
     if len(middles) == 0 or len(targets) == 0:
         return np.zeros(0)
-    near = min(CANDIDATES, len(targets))
-    _, which = cKDTree(targets).query(middles, k=near)
-    which = np.asarray(which).reshape(len(middles), near)
+    count = min(CANDIDATES, len(targets))
+    _, which = cKDTree(targets).query(middles, k=count)
+    which = np.asarray(which).reshape(len(middles), count)
     away = np.abs(middles[:, None] - targets[which])
     beside = np.where(upright[which], away[..., 0], away[..., 1])
     beyond = np.maximum(np.where(upright[which], away[..., 1], away[..., 0]) - cell / 2, 0.0)

@@ -183,20 +183,20 @@ def evaluate_models(
     hit = np.isfinite(distance)
     shapes = np.array(list(footprints.values()), object)
     of_footprint = pair_by_overlap(np.array([model.footprint for model in models], object), shapes)
-    truth = pair_by_overlap(np.array([other.footprint for other in reference], object), shapes)
+    truth = pair_by_overlap(np.array([item.footprint for item in reference], object), shapes)
     order = np.argsort(building[use], kind="stable")
     ends = np.searchsorted(building[use][order], np.arange(len(shapes) + 1))
     rows = []
     for number, name in enumerate(footprints):
-        own = order[ends[number] : ends[number + 1]]
-        row = _row(name, distance[own], vertical[own])
+        members = order[ends[number] : ends[number + 1]]
+        row = _row(name, distance[members], vertical[members])
         if number in of_footprint:
             true = reference[truth[number]] if number in truth else None
             row = _with_model(row, models[of_footprint[number]], true)
         rows.append(row)
-    seen = [row for row in rows if row.points]
-    nearest = [MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen]
-    near = np.where(hit, distance, np.inf)
+    measured = [row for row in rows if row.points]
+    nearest = [MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in measured]
+    distances = np.where(hit, distance, np.inf)
     modelled = [model for model in models if model.faces]
     errors = [(row.volume_error_m3, row.volume_m3) for row in rows]
     shares = [
@@ -205,16 +205,16 @@ def evaluate_models(
         if error is not None and volume is not None and volume != error
     ]
     return ModelScore(
-        len(seen),
+        len(measured),
         len(use),
         ratio(float((~hit).sum()), len(use)),
         _median_or_nan(distance[hit]),
         _median_or_nan(vertical[hit]),
-        mean_of([row.rmse_m for row in seen]),
-        _median_or_nan(np.array([row.rmse_m for row in seen])),
+        mean_of([row.rmse_m for row in measured]),
+        _median_or_nan(np.array([row.rmse_m for row in measured])),
         mean_of(nearest),
         _median_or_nan(np.array(nearest)),
-        {limit: ratio(float((near < limit).sum()), len(use)) for limit in WITHIN},
+        {limit: ratio(float((distances < limit).sum()), len(use)) for limit in WITHIN},
         len(modelled),
         ratio(sum(len(model.faces) for model in modelled), len(modelled)),
         sum(len(model.roofs) for model in models),
@@ -264,15 +264,15 @@ def _row(name: str, distance: Values, vertical: Values) -> ModelRow:
 
 
 def _with_model(row: ModelRow, model: CityBuilding, truth: CityBuilding | None) -> ModelRow:
-    whole = bool(model.faces)
+    has_faces = bool(model.faces)
     return replace(
         row,
         model=model.id,
         lod=model.lod,
         faces=len(model.faces),
-        volume_m3=model.volume if whole else None,
-        volume_error_m3=model.volume - truth.volume if truth and whole else None,
-        height_error_m=model.height - truth.height if truth and whole else None,
+        volume_m3=model.volume if has_faces else None,
+        volume_error_m3=model.volume - truth.volume if truth and has_faces else None,
+        height_error_m=model.height - truth.height if truth and has_faces else None,
     )
 
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.evaluate.detection import ObjectRow, object_rows
-from eaves.evaluate.matching import Matching, Numbers, match_objects, rim_distances, rim_of
+from eaves.evaluate.matching import Matching, match_objects, rim_distances, rim_of
 from eaves.evaluate.scores import Agreement, root_mean_square
-from eaves.model import Values
+from eaves.model import Integers, Values
 from eaves.model.checks import check_positive, check_same_shape
 
 SMALLEST_PLANE = 0.0
@@ -60,8 +59,8 @@ class PlaneScore:
 
 
 def evaluate_planes(
-    result: Numbers,
-    reference: Numbers,
+    result: Integers,
+    reference: Integers,
     area: float,
     result_height: Values | None = None,
     reference_height: Values | None = None,
@@ -105,9 +104,9 @@ def evaluate_planes(
     if result_height is not None and reference_height is not None:
         together = _labels_together(matching)
         keys = result.astype(np.int64) * (int(reference.max(initial=0)) + 1) + reference
-        wanted = together[:, 0] * (int(reference.max(initial=0)) + 1) + together[:, 1]
-        both = np.isin(keys, wanted) & (result > 0) & (reference > 0)
-        difference = (result_height - reference_height)[both]
+        matched_keys = together[:, 0] * (int(reference.max(initial=0)) + 1) + together[:, 1]
+        matched = np.isin(keys, matched_keys) & (result > 0) & (reference > 0)
+        difference = (result_height - reference_height)[matched]
         rms_z = root_mean_square(difference[np.isfinite(difference)])
     return PlaneScore(
         matching.agreement(),
@@ -119,7 +118,7 @@ def evaluate_planes(
     )
 
 
-def _labels_together(matching: Matching) -> NDArray[np.int64]:
+def _labels_together(matching: Matching) -> Integers:
     """Pairs (P, 2) of labels of planes that belong together."""
     pair = matching.together
     return np.stack(
@@ -131,24 +130,25 @@ def _labels_together(matching: Matching) -> NDArray[np.int64]:
     )
 
 
-def _rms_in_plan(matching: Matching, result: Numbers, reference: Numbers, cell: float) -> float:
+def _rms_in_plan(matching: Matching, result: Integers, reference: Integers, cell: float) -> float:
     """RMS (m) of the rims of planes from the rims of the reference planes they belong to, group by group."""
     judged = _group_image(result, matching.result.label, matching.groups[0])
     true = _group_image(reference, matching.reference.label, matching.groups[1])
     distances = [np.zeros(0)]
     boxes = zip(ndimage.find_objects(judged), ndimage.find_objects(true), strict=False)
-    for group, (one, two) in enumerate(boxes, 1):
-        if one is None or two is None:
+    for group, (judged_window, true_window) in enumerate(boxes, 1):
+        if judged_window is None or true_window is None:
             continue
         window = tuple(
-            slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, two, strict=True)
+            slice(min(a.start, b.start), max(a.stop, b.stop))
+            for a, b in zip(judged_window, true_window, strict=True)
         )
         rims = rim_of(judged[window] == group, cell), rim_of(true[window] == group, cell)
         distances.append(rim_distances(*rims, cell))
     return root_mean_square(np.concatenate(distances))
 
 
-def _group_image(labels: Numbers, label: Numbers, group: Numbers) -> Numbers:
+def _group_image(labels: Integers, label: Integers, group: Integers) -> Integers:
     """The group, from 1, of each cell's object; 0 for none."""
     place = np.searchsorted(label, labels)
     return np.where(labels > 0, np.append(group, -1)[place] + 1, 0)

@@ -9,9 +9,9 @@ import numpy as np
 from eaves.model import Values
 
 
-def ratio(part: float, whole: float) -> float:
+def ratio(part: float, total: float) -> float:
     """part / whole, NaN when there is no whole."""
-    return float(part / whole) if whole else float("nan")
+    return float(part / total) if total else float("nan")
 
 
 def root_mean_square(values: Values) -> float:
@@ -64,5 +64,6 @@ class Agreement:
     @property
     def quality(self) -> float:
         """TP / (TP + FN + FP), written so that it holds for both counts of TP [rutzinger2009], eq. 3."""
-        one, two = self.completeness, self.correctness
-        return ratio(one * two, one + two - one * two) if one + two else 0.0
+        product = self.completeness * self.correctness
+        total = self.completeness + self.correctness
+        return ratio(product, total - product) if total else 0.0

@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from eaves.figures.roof_figures import face_shapes, roof_figures
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.roof_fit import highest_faces
-from eaves.model import BuildingModel, Mask, Points, Solid, Values
+from eaves.model import BuildingModel, Integers, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 
 NEAR_M = 0.2
@@ -25,17 +24,17 @@ FEWEST_POINTS = 3
 """Fewer points support no face and say nothing of a roof."""
 
 
-def grade_faces(records: list[dict[str, Any]], error: Values, face: NDArray[np.int64]) -> None:
+def grade_faces(records: list[dict[str, Any]], error: Values, face: Integers) -> None:
     """Adds to the record of each roof face its inlier share, density, coverage, and in words why it is weak.
 
     `error` (N,; m) are the distances of roof points, `face` (N,) the number of the face under each. The
     records know `points`, `rmse_m`, `share_no_data` and `no_data`.
     """
     inside = np.abs(error) <= NEAR_M
-    near = np.bincount(face[inside & (face >= 0)], minlength=len(records))
+    inliers = np.bincount(face[inside & (face >= 0)], minlength=len(records))
     for number, record in enumerate(records):
         points = record["points"]
-        record["inlier_share"] = float(near[number] / points) if points else None
+        record["inlier_share"] = float(inliers[number] / points) if points else None
         record["density"] = points / record["projected_m2"] if record["projected_m2"] > 0.0 else None
         record["coverage"] = 1.0 - record["share_no_data"]
         record["weak"] = weakness(record)
@@ -68,7 +67,7 @@ OWN_SURFACE = 1.0
 TRIMMED_SHARE = 0.95
 """Share of the best-fitting points the trimmed RMSE is computed from."""
 
-Surface = tuple[Values, Values, NDArray[np.int64]]
+Surface = tuple[Values, Values, Integers]
 """Height of a model over places (N,), cosine of its slope there, number of the roof face."""
 
 
@@ -77,7 +76,7 @@ def measure_volume(solid: Solid) -> float:
     return FaceTable.of_solids([solid]).volume
 
 
-def surface_heights(solids: tuple[Solid, ...], xy: NDArray[np.float64]) -> Surface:
+def surface_heights(solids: tuple[Solid, ...], xy: Values) -> Surface:
     """Height of the model over places (N, 2), cosine of the slope there, and number of the roof face.
 
     Roof faces are counted through all solids; where there is none the height is NaN and the number -1.
@@ -105,22 +104,22 @@ def describe_roof(
     height, cosine, number = surface or surface_heights(solids, roof[:, :2])
     error = np.where(np.isfinite(height), (roof[:, 2] - height) * cosine, 0.0)
     for face, record in enumerate(roof_faces):
-        mine = error[number == face]
-        record["points"] = len(mine)
-        record["rmse_m"] = float(np.sqrt(np.mean(mine**2))) if len(mine) else None
+        errors = error[number == face]
+        record["points"] = len(errors)
+        record["rmse_m"] = float(np.sqrt(np.mean(errors**2))) if len(errors) else None
     centres, empty = empty_cells(points, model)
     mark_unknown(roof_faces, surface_heights(solids, centres)[2], empty)
     grade_faces(roof_faces, error, number)
-    own = roof[np.abs(error) <= OWN_SURFACE]
+    fitting = roof[np.abs(error) <= OWN_SURFACE]
     squared = np.sort(error**2)
-    kept = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
-    heights = (own if len(own) else roof)[:, 2]
+    trimmed = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
+    heights = (fitting if len(fitting) else roof)[:, 2]
     return {
         **facts,
         "h_50p": quantile(heights, 0.5),
         "h_70p": quantile(heights, 0.7),
         "rmse_m": float(np.sqrt(squared.mean())),
-        "rmse95_m": float(np.sqrt(kept.mean())),
+        "rmse95_m": float(np.sqrt(trimmed.mean())),
         "inlier_share": float(np.mean(np.abs(error) <= NEAR_M)),
         "points": len(points),
         "density": len(points) / float(model.footprint.polygon.area),
@@ -157,13 +156,14 @@ SIZES = ("volume_", "wall_area_", "roof_area_", "roof_projected_", "roof_face")
 def measure_again(model: BuildingModel) -> BuildingModel:
     """The model with the sizes of its finest level in place of those of another; type, heights and slopes of
     the roof stay what the points show."""
-    known = model.attributes
-    facts = describe_solids(model, known["h_ground"])
+    earlier = model.attributes
+    facts = describe_solids(model, earlier["h_ground"])
     sizes = {name: value for name, value in facts.items() if name.startswith(SIZES)}
-    if known.get("roof_face_count") == facts["roof_face_count"]:  # the same faces, with what their points say
+    # the same faces, with what their points say
+    if earlier.get("roof_face_count") == facts["roof_face_count"]:
         del sizes["roof_faces"]
-    storeys = min(known["storeysAboveGround"], facts["storeysAboveGround"])
-    return model.with_(attributes={**known, **sizes, "storeysAboveGround": storeys})
+    storeys = min(earlier["storeysAboveGround"], facts["storeysAboveGround"])
+    return model.with_(attributes={**earlier, **sizes, "storeysAboveGround": storeys})
 
 
 def describe_faces(faces: FaceTable) -> list[dict[str, Any]]:
@@ -184,7 +184,7 @@ def describe_faces(faces: FaceTable) -> list[dict[str, Any]]:
     return records
 
 
-def empty_cells(points: Points, model: BuildingModel) -> tuple[NDArray[np.float64], Mask]:
+def empty_cells(points: Points, model: BuildingModel) -> tuple[Values, Mask]:
     """The centres (C, 2) of the footprint's 1 m cells, and which of them (C,) no point (N, 3) falls in."""
     west, south, east, north = model.footprint.polygon.bounds
     columns, rows = int((east - west) / EMPTY_CELL) + 1, int((north - south) / EMPTY_CELL) + 1
@@ -197,14 +197,14 @@ def empty_cells(points: Points, model: BuildingModel) -> tuple[NDArray[np.float6
     return np.column_stack([x, y])[inside], ~filled[inside]
 
 
-def mark_unknown(roof_faces: list[dict[str, Any]], face: NDArray[np.int64], empty: Mask) -> None:
+def mark_unknown(roof_faces: list[dict[str, Any]], face: Integers, empty: Mask) -> None:
     """Adds to the record of each roof face which share of it has no data, and whether most of it has none.
 
     `face` (C,) is the face over each cell, `empty` (C,) whether a point fell in it; a face that covers the
     centre of no cell has data when it has points.
     """
     for number, record in enumerate(roof_faces):
-        mine = empty[face == number]
-        share = float(mine.mean()) if len(mine) else float(record["points"] == 0)
+        cells = empty[face == number]
+        share = float(cells.mean()) if len(cells) else float(record["points"] == 0)
         record["share_no_data"] = share
         record["no_data"] = share > 1.0 - LEAST_SHOWN

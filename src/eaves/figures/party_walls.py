@@ -77,7 +77,7 @@ def pairs(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
-def shared_areas(subject: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
+def shared_areas(subject: Walls, neighbours: Sequence[Walls]) -> NDArray[np.float64]:
     """Area (m², W) of each wall that others stand against.
 
     Two walls stand against each other where they face each other at most `PARTY_GAP` apart; what of one
@@ -89,22 +89,22 @@ def shared_areas(subject: Walls, others: Sequence[Walls]) -> NDArray[np.float64]
     tree = shapely.STRtree(subject.lines())
     corners: list[NDArray[np.float64]] = []
     against: list[int] = []
-    for neighbour in others:
+    for neighbour in neighbours:
         walls = neighbour.about(subject.origin)
         if not walls.corners:
             continue
-        neighbouring, own = tree.query(walls.lines(), predicate="dwithin", distance=PARTY_GAP)
-        facing = (walls.outward[neighbouring] * subject.outward[own]).sum(axis=1)
+        neighbouring, subject_wall = tree.query(walls.lines(), predicate="dwithin", distance=PARTY_GAP)
+        facing = (walls.outward[neighbouring] * subject.outward[subject_wall]).sum(axis=1)
         facing = facing < -np.cos(np.radians(MOST_TURN_DEG))
-        corners += [walls.corners[other] for other in neighbouring[facing].tolist()]
-        against += own[facing].tolist()
+        corners += [walls.corners[k] for k in neighbouring[facing].tolist()]
+        against += subject_wall[facing].tolist()
     covers = upright(corners, subject.start[against], subject.end[against])
-    found: dict[int, list[BaseGeometry]] = {}
+    by_wall: dict[int, list[BaseGeometry]] = {}
     for wall, cover in zip(against, covers, strict=True):
-        found.setdefault(wall, []).append(cover)
-    whole = [some[0] if len(some) == 1 else shapely.union_all(some) for some in found.values()]
-    walled = list(found)
-    area[walled] = shapely.area(shapely.intersection(subject.faces[walled], whole))
+        by_wall.setdefault(wall, []).append(cover)
+    unions = [parts[0] if len(parts) == 1 else shapely.union_all(parts) for parts in by_wall.values()]
+    walled = list(by_wall)
+    area[walled] = shapely.area(shapely.intersection(subject.faces[walled], unions))
     return area
 
 
@@ -126,16 +126,16 @@ def upright(
     return np.asarray(shapely.make_valid(shapely.polygons(rings)), object)
 
 
-def wall_figures(own: Walls, others: Sequence[Walls]) -> dict[str, float]:
-    """Areas (m²) of walls that `others` stand against, and of those in the open by quarter of the compass."""
-    shared = shared_areas(own, others)
-    free = np.maximum(own.areas() - shared, 0.0)
-    turn = np.degrees(np.arctan2(own.outward[:, 0], own.outward[:, 1])) % 360.0
+def wall_figures(subject: Walls, neighbours: Sequence[Walls]) -> dict[str, float]:
+    """Areas (m²) of walls that `neighbours` stand against, and of free ones by quarter of the compass."""
+    shared = shared_areas(subject, neighbours)
+    free = np.maximum(subject.areas() - shared, 0.0)
+    turn = np.degrees(np.arctan2(subject.outward[:, 0], subject.outward[:, 1])) % 360.0
     sides = dict.fromkeys(QUARTERS, 0.0)
     for azimuth, area in zip(turn, free, strict=True):
         sides[quarter_of(float(azimuth))] += float(area)
-    found = {f"free_wall_{side}_m2": area for side, area in sides.items()}
-    areas = {PARTY_WALLS: float(shared.sum()), "free_wall_area_m2": float(free.sum()), **found}
+    by_side = {f"free_wall_{side}_m2": area for side, area in sides.items()}
+    areas = {PARTY_WALLS: float(shared.sum()), "free_wall_area_m2": float(free.sum()), **by_side}
     return {name: round(area, 2) for name, area in areas.items()}
 
 
@@ -149,12 +149,12 @@ def envelope_figures(
     storeys = map_storeys if isinstance(map_storeys, int) and map_storeys > 0 else None
     storeys = storeys or attributes.get("storeysAboveGround")
     roof, volume = attributes.get("roof_area_m2"), attributes.get("volume_m3")
-    found: dict[str, Any] = {**walls}
+    figures: dict[str, Any] = {**walls}
     if storeys:
-        found |= {"floor_storeys": int(storeys), "floor_area_m2": round(area_m2 * int(storeys), 1)}
+        figures |= {"floor_storeys": int(storeys), "floor_area_m2": round(area_m2 * int(storeys), 1)}
     if roof is not None:
         envelope = walls["free_wall_area_m2"] + roof + area_m2
-        found["envelope_m2"] = round(envelope, 1)
+        figures["envelope_m2"] = round(envelope, 1)
         if volume:
-            found["envelope_per_volume"] = round(envelope / volume, 3)
-    return found
+            figures["envelope_per_volume"] = round(envelope / volume, 3)
+    return figures

@@ -110,7 +110,7 @@ def roof_figures(
     plan = sum(face["projected_m2"] for face in faces)
     pitched = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
     level = sum(face["projected_m2"] for face in faces if face["slope_deg"] < LEVEL_SLOPE_DEG)
-    answer: Record = {
+    figures: Record = {
         "roof_type": kind,
         "roofType": CODES[kind],
         "roof_share_flat": round(level / plan, 3) if plan > 0.0 else None,
@@ -128,7 +128,7 @@ def roof_figures(
     for face in faces:
         side = "flat" if face["slope_deg"] < LEVEL_SLOPE_DEG else quarter_of(face["azimuth_deg"])
         areas[side] += face["area_m2"]
-    return answer | {f"roof_area_{side}_m2": area for side, area in areas.items()}
+    return figures | {f"roof_area_{side}_m2": area for side, area in areas.items()}
 
 
 def ridge_height(main: list[Record]) -> float:
@@ -182,8 +182,8 @@ def fills_rectangle(pitched: list[Record]) -> bool:
     plans = [face["shape"].plan.buffer(0.0) for face in pitched if face.get("shape") is not None]
     if not plans:
         return True
-    whole = shapely.union_all(plans)
-    return bool(whole.area >= MAIN_SHARE * shapely.minimum_rotated_rectangle(whole).area)
+    union = shapely.union_all(plans)
+    return bool(union.area >= MAIN_SHARE * shapely.minimum_rotated_rectangle(union).area)
 
 
 def is_broken(pitched: list[Record]) -> bool:
@@ -194,16 +194,16 @@ def is_broken(pitched: list[Record]) -> bool:
 
 def sides_of(pitched: list[Record]) -> list[tuple[float, float]]:
     """Azimuth (degrees) and plan (m²) of the sides of a roof: faces that look the same way are one."""
-    left = sorted(pitched, key=lambda face: -face["projected_m2"])
-    whole = sum(face["projected_m2"] for face in left)
+    remaining = sorted(pitched, key=lambda face: -face["projected_m2"])
+    total = sum(face["projected_m2"] for face in remaining)
     sides = []
-    while left:
-        azimuth = left[0]["azimuth_deg"]
-        apart = [abs((face["azimuth_deg"] - azimuth + 180.0) % 360.0 - 180.0) for face in left]
-        mine = [face for face, away in zip(left, apart, strict=True) if away <= OPPOSITE_DEG]
-        left = [face for face, away in zip(left, apart, strict=True) if away > OPPOSITE_DEG]
-        area = sum(face["projected_m2"] for face in mine)
-        if area > (1.0 - MAIN_SHARE) * whole:
+    while remaining:
+        azimuth = remaining[0]["azimuth_deg"]
+        apart = [abs((face["azimuth_deg"] - azimuth + 180.0) % 360.0 - 180.0) for face in remaining]
+        side = [face for face, away in zip(remaining, apart, strict=True) if away <= OPPOSITE_DEG]
+        remaining = [face for face, away in zip(remaining, apart, strict=True) if away > OPPOSITE_DEG]
+        area = sum(face["projected_m2"] for face in side)
+        if area > (1.0 - MAIN_SHARE) * total:
             sides.append((float(azimuth), float(area)))
     return sides
 

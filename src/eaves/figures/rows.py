@@ -34,18 +34,18 @@ class BuildingRow:
     seconds: Mapping[str, float]
 
     @classmethod
-    def of(cls, answer: BuildingModel | Failure, seconds: Mapping[str, float]) -> BuildingRow:
+    def of(cls, result: BuildingModel | Failure, seconds: Mapping[str, float]) -> BuildingRow:
         """The columns of one building."""
-        footprint = answer.footprint
+        footprint = result.footprint
         assert footprint is not None
-        row = building_row(answer)
-        given = {f"given_{key}": value for key, value in footprint.attributes.items()}
-        modelled = isinstance(answer, BuildingModel)
+        row = building_row(result)
+        map_columns = {f"given_{key}": value for key, value in footprint.attributes.items()}
+        modelled = isinstance(result, BuildingModel)
         return cls(
             world_polygon(footprint),
             row,
-            given,
-            list(roof_rows(answer)),
+            map_columns,
+            list(roof_rows(result)),
             modelled,
             row["failure_code"],
             seconds,
@@ -65,9 +65,9 @@ def world_polygon(footprint: Footprint) -> Polygon:
     return shapely.transform(footprint.polygon, lambda xy: xy + np.array(footprint.origin))
 
 
-def building_row(answer: BuildingModel | Failure) -> dict[str, Any]:
+def building_row(result: BuildingModel | Failure) -> dict[str, Any]:
     """The attributes of one building that are known when it is modelled, and the place of its number."""
-    footprint = answer.footprint
+    footprint = result.footprint
     assert footprint is not None
     row: dict[str, Any] = {
         "id": footprint.id,
@@ -75,44 +75,44 @@ def building_row(answer: BuildingModel | Failure) -> dict[str, Any]:
         "score": round(float(footprint.score), 3),
         "area_m2": round(float(footprint.polygon.area), 2),
     }
-    if not isinstance(answer, BuildingModel):
-        return row | {"lod": None, "failure_code": answer.code, "failure_reason": answer.reason}
-    row |= {"lod": answer.lod, "failure_code": None, "failure_reason": None}
-    row |= {key: value for key, value in answer.attributes.items() if not isinstance(value, list | dict)}
+    if not isinstance(result, BuildingModel):
+        return row | {"lod": None, "failure_code": result.code, "failure_reason": result.reason}
+    row |= {"lod": result.lod, "failure_code": None, "failure_reason": None}
+    row |= {key: value for key, value in result.attributes.items() if not isinstance(value, list | dict)}
     row["failure_code"] = row.pop("fallback_code", None)
     row["failure_reason"] = row.pop("fallback_reason", None)
     trust, badness, reason = judge(row)
     return row | {"trust": trust, "trust_score": round(1.0 - badness, 3), "review_reason": reason}
 
 
-def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[str, Any]]]:
+def roof_rows(result: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[str, Any]]]:
     """Polygon (world metres, with heights) and attributes of every roof face of the finest level."""
-    if not isinstance(answer, BuildingModel) or not answer.solids:
+    if not isinstance(result, BuildingModel) or not result.solids:
         return
-    origin = np.array([*answer.footprint.origin, 0.0])
-    records = answer.attributes.get("roof_faces", ())
-    solids = answer.solids[answer.lod]
+    origin = np.array([*result.footprint.origin, 0.0])
+    records = result.attributes.get("roof_faces", ())
+    solids = result.solids[result.lod]
     table = FaceTable.of_solids(solids, ROOF_SURFACE)
     faces = [face for solid in solids for face in solid.faces if face.surface == ROOF_SURFACE]
     sizes = zip(table.moved(origin).polygons(3), face_figures(table), strict=True)
     for number, (face, (polygon, figures)) in enumerate(zip(faces, sizes, strict=True)):
-        if answer.lod == OVERHANGS and face.plane is not None and face.plane < len(records):
+        if result.lod == OVERHANGS and face.plane is not None and face.plane < len(records):
             number = face.plane  # a slab for each level: the faces come in another order
         record: dict[str, Any] = records[number] if number < len(records) else {}
         share = record.get("share_no_data")
         yield (
             polygon,
             {
-                "building_id": answer.footprint.id,
-                "lod": answer.lod,
+                "building_id": result.footprint.id,
+                "lod": result.lod,
                 **figures,
-                "rmse_m": rmse_of(answer, face.plane),
+                "rmse_m": rmse_of(result, face.plane),
                 "points": record.get("points"),
                 "share_no_data": None if share is None else round(share, 3),
                 "no_data": record.get("no_data"),
                 "h_low": rounded(record.get("h_low")),
                 "h_high": rounded(record.get("h_high")),
-                "h_ground": rounded(answer.attributes.get("h_ground")),
+                "h_ground": rounded(result.attributes.get("h_ground")),
                 **{key: rounded(record.get(key)) for key in ("inlier_share", "density", "coverage")},
                 "weak": record.get("weak"),
             },
@@ -126,8 +126,8 @@ def rounded(value: float | None) -> float | None:
 
 def rmse_of(model: BuildingModel, plane: int | None) -> float | None:
     """The RMSE of the points of one of the model's planes, None where a face lies on none of them."""
-    known = plane is not None and 0 <= plane < len(model.planes)
-    return round(model.planes[plane].rmse, 4) if known and plane is not None else None
+    has_plane = plane is not None and 0 <= plane < len(model.planes)
+    return round(model.planes[plane].rmse, 4) if has_plane and plane is not None else None
 
 
 def face_figures(faces: FaceTable) -> Iterator[dict[str, float | None]]:

@@ -34,11 +34,11 @@ def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
 
     An outline that was given is not judged: it counts as a rectangle in sight, of the size of a house.
     """
-    near, corners, box = (row.get(name) for name in ("inlier_share", "corners", "box_share"))
+    inlier_share, corners, box = (row.get(name) for name in ("inlier_share", "corners", "box_share"))
     return np.array(
         [
             1.0,
-            0.0 if near is None else 1.0 - near,
+            0.0 if inlier_share is None else 1.0 - inlier_share,
             row.get("share_no_data") or 0.0,
             HOUSE if corners is None else np.log(corners / np.sqrt(max(row["area_m2"], 1.0))),
             row.get("hidden_share") or 0.0,
@@ -71,13 +71,13 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     if supported is not None and supported < HIGH:
         badness = max(badness, 1.0 - supported)
         reasons.append(f"{1.0 - supported:.0%} of the roof is not supported by its points")
-    seen = [name for name, gain in gains.items() if name in WORDS and gain <= -LEAST_LOSS]
-    reasons += [WORDS[name].format(**row) for name in sorted(seen, key=lambda name: gains[name])]
-    others = list(doubts_of(row))
-    if others:
+    weak_traits = [name for name, gain in gains.items() if name in WORDS and gain <= -LEAST_LOSS]
+    reasons += [WORDS[name].format(**row) for name in sorted(weak_traits, key=lambda name: gains[name])]
+    doubts = list(doubts_of(row))
+    if doubts:
         badness = max(badness, 1.0 - 0.5 * (HIGH + LOW))
     trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness > LOW else "low"
-    return trust, badness, "; ".join([*reasons, *others] or [SMALL_DOUBTS] * (trust != "high"))
+    return trust, badness, "; ".join([*reasons, *doubts] or [SMALL_DOUBTS] * (trust != "high"))
 
 
 WORDS = {

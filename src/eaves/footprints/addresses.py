@@ -7,12 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
-from shapely import GEOSException, Polygon
+from shapely import GEOSException, LineString, Polygon
+from shapely.geometry.base import BaseGeometry
 
-from eaves.footprints.party_walls import split_block
-from eaves.model import Failure, Footprint
+from eaves.geometry.pieces import borders_of, joined_pieces
+from eaves.geometry.rings import polygon_parts
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import Failure, Footprint, Integers
 from eaves.model.results import BuildingPoints
+from eaves.outline.toolkit.shared_edges import welded_outlines
 from eaves.units import UnitMethod, divide_block
 
 log = logging.getLogger("eaves")
@@ -76,35 +79,129 @@ def parts_of(
     building: BuildingPoints, footprint: Footprint, addresses: Sequence[Footprint]
 ) -> list[Footprint]:
     """The parts of one block, those with an address first; none where no address lies in it."""
-    near = [address for address in addresses if address.polygon.intersects(footprint.polygon)]
+    touching = [address for address in addresses if address.polygon.intersects(footprint.polygon)]
     try:
-        found, rest = split_block(footprint.polygon, near)
+        shares, unclaimed = split_block(footprint.polygon, touching)
     except GEOSException as error:
         log.warning("a block could not be split into its addresses and stays one building: %s", error)
         return []
     parts = []
-    for address, part in zip(near, found, strict=True):
+    for address, part in zip(touching, shares, strict=True):
         if part is not None:
             here = part.polygon.contains(address.polygon.representative_point())
             parts.append(part.with_(id=part.id if here else "", score=building.score))
-    return [*parts, *(Footprint(polygon, origin=footprint.origin) for polygon in rest)] if parts else []
+    return [*parts, *(Footprint(polygon, origin=footprint.origin) for polygon in unclaimed)] if parts else []
 
 
-def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[np.int64]:
+def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> Integers:
     """The number (N,) of the part that each point lies in, or nearest to."""
     xy = building.xyz[:, :2]
     owner = np.full(len(xy), -1)
     for number, part in enumerate(parts):
         west, south, east, north = part.bounds
-        near = (
+        boxed = (
             (owner < 0) & (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
         )
-        some = np.flatnonzero(near)
+        candidates = np.flatnonzero(boxed)
         shapely.prepare(part)
-        owner[some[shapely.contains_xy(part, xy[some])]] = number
-    left = np.flatnonzero(owner < 0)
-    point, part_of = shapely.STRtree(parts).query_nearest(shapely.points(xy[left]), all_matches=True)
-    nearest = np.full(len(left), len(parts))
+        owner[candidates[shapely.contains_xy(part, xy[candidates])]] = number
+    outside = np.flatnonzero(owner < 0)
+    point, part_of = shapely.STRtree(parts).query_nearest(shapely.points(xy[outside]), all_matches=True)
+    nearest = np.full(len(outside), len(parts))
     np.minimum.at(nearest, point, part_of)
-    owner[left] = nearest
+    owner[outside] = nearest
+    return owner
+
+
+OVERHANG_M = 3.0
+"""Distance by which a party wall is extended past its ends, across the overhang to the eaves."""
+HELD_M = 1.0
+"""A block holds an address when a disc of this radius fits into what they share …"""
+NARROW_M = 0.5
+"""… or one of this radius, when they share more than half of the address: passages, narrow annexes."""
+
+
+def split_block(
+    block: Polygon, addresses: Sequence[Footprint]
+) -> tuple[list[Footprint | None], list[Polygon]]:
+    """The part of a block's outline that belongs to each address, and the parts that belong to none.
+
+    None stands for an address that the block does not hold (`HELD_M`, `NARROW_M`). The outlines of the
+    addresses cut the block, their party walls carried on to the eaves. A piece belongs to the address that
+    covers most of it; a piece that none covers goes to the neighbour it shares the longest border with,
+    unless it is wider than an overhang: then it is a building that the addresses leave out. So the parts
+    fill the block, without gap or overlap, and neighbours share their edges.
+    """
+    shared = shapely.intersection(block, [address.polygon for address in addresses])
+    half_inside = shapely.area(shared) > 0.5 * shapely.area([address.polygon for address in addresses])
+    reach = np.where(half_inside, NARROW_M, HELD_M)
+    members = np.flatnonzero(~shapely.is_empty(shapely.buffer(shared, -reach)))
+    shares: list[Footprint | None] = [None] * len(addresses)
+    if len(members) == 0:
+        return shares, [block]
+    polygons = [addresses[int(number)].polygon for number in members]
+    walls = carried_on_walls(polygons)
+    polygons += wide_parts(shapely.difference(block, shapely.union_all(polygons), grid_size=COORDINATE_STEP))
+    cuts = [block.boundary, *(polygon.boundary for polygon in polygons), *walls]
+    pieces = [
+        piece
+        for piece in shapely.get_parts(
+            shapely.polygonize([shapely.union_all(cuts, grid_size=COORDINATE_STEP)])
+        )
+        if block.covers(piece.representative_point())
+    ]
+    parts = joined_pieces(pieces, owners_of(pieces, polygons), len(polygons))
+    numbers = [number for number, part in enumerate(parts) if part is not None]
+    unclaimed = []
+    for number, part in zip(
+        numbers, welded_outlines([part for part in parts if part is not None]), strict=True
+    ):
+        plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
+        outline = shapely.orient_polygons(plain if plain.is_valid else part)
+        if number < len(members):
+            shares[int(members[number])] = addresses[int(members[number])].with_(polygon=outline)
+        else:
+            unclaimed.append(outline)
+    return shares, unclaimed
+
+
+def wide_parts(area: BaseGeometry) -> list[Polygon]:
+    """The parts of an area that are wider than an overhang, without what hangs on them that is not."""
+    half = 0.5 * OVERHANG_M
+    opened = area.buffer(-half, join_style="mitre").buffer(half, join_style="mitre")
+    return polygon_parts(shapely.intersection(opened, area, grid_size=COORDINATE_STEP))
+
+
+def carried_on_walls(polygons: Sequence[Polygon]) -> list[LineString]:
+    """The common borders of the polygons, each straight run carried on past both ends."""
+    walls = []
+    tree = shapely.STRtree(polygons)
+    first, second = tree.query(polygons, predicate="dwithin", distance=COORDINATE_STEP)
+    for a, b in zip(first[first < second], second[first < second], strict=True):
+        common = shapely.line_merge(polygons[a].boundary.intersection(polygons[b].boundary))
+        for line in shapely.get_parts(common):
+            if line.geom_type != "LineString" or line.length < COORDINATE_STEP:
+                continue
+            xy = np.asarray(line.coords)
+            for end, inner in ((xy[0], xy[1]), (xy[-1], xy[-2])):
+                away = (end - inner) / np.hypot(*(end - inner))
+                walls.append(LineString([end, end + OVERHANG_M * away]))
+    return walls
+
+
+def owners_of(pieces: Sequence[Polygon], polygons: Sequence[Polygon]) -> list[int]:
+    """The number of the polygon each piece belongs to, -1 for a piece that touches none."""
+    owner = []
+    for piece in pieces:
+        covered = shapely.area(shapely.intersection(piece, polygons))
+        best = int(np.argmax(covered))
+        owner.append(best if covered[best] > 0.5 * piece.area else -1)
+    changed = True
+    while changed:
+        changed = False
+        for number in np.flatnonzero(np.array(owner) < 0):
+            border = borders_of(int(number), pieces, owner, len(polygons))
+            if border.max(initial=0.0) > 0.0:
+                owner[number] = int(np.argmax(border))
+                changed = True
     return owner

@@ -56,7 +56,7 @@ class Layout:
 
 def marks(*sets: str) -> tuple[frozenset[str], ...]:
     """Sets of columns, each as words of a text."""
-    return tuple(frozenset(one.split()) for one in sets)
+    return tuple(frozenset(text.split()) for text in sets)
 
 
 def values(*texts: str) -> frozenset[str]:
@@ -213,9 +213,9 @@ SOURCE_NAMES = (*(layout.name for layout in LAYOUTS), NO_SOURCE)
 
 def layout_of(columns: Sequence[str]) -> Layout | None:
     """The layout of a layer with these columns; None where it is none that is known."""
-    there = {column.lower() for column in columns}
+    names = {column.lower() for column in columns}
     for layout in LAYOUTS:
-        if any(one <= there for one in layout.marks) or there in layout.alone:
+        if any(mark <= names for mark in layout.marks) or names in layout.alone:
             return layout
     return None
 
@@ -239,24 +239,24 @@ class Reader:
         for name in names:
             column = self.columns.get(name)
             if column is not None:
-                stated = text_of(row.get(column))
+                text = text_of(row.get(column))
             else:
                 folded = self.unfolded(row) if folded is None else folded
-                stated = folded.get(name, "")
-            if stated:
-                return stated
+                text = folded.get(name, "")
+            if text:
+                return text
         return ""
 
     def unfolded(self, row: Attributes) -> dict[str, str]:
         """The columns that one column holds as text."""
         column = self.columns.get(self.layout.folded or "")
         text = "" if column is None else text_of(row.get(column))
-        return {key.lower(): stated for key, stated in re.findall(r'"([^"]+)"\s*=>\s*"([^"]*)"', text)}
+        return {key.lower(): entry for key, entry in re.findall(r'"([^"]+)"\s*=>\s*"([^"]*)"', text)}
 
     def id_of(self, row: Attributes) -> str:
         """The building's id; empty where it has none."""
-        stated = self.value(row, self.layout.id_fields)
-        return stated.zfill(self.layout.id_width or 0) if stated.isdigit() else stated
+        text = self.value(row, self.layout.id_fields)
+        return text.zfill(self.layout.id_width or 0) if text.isdigit() else text
 
     def is_current_building(self, row: Attributes) -> bool:
         """True if the polygon is a building, in a version that is still valid."""
@@ -268,9 +268,9 @@ class Reader:
     def absence(self, row: Attributes) -> str:
         """Why nothing stands there, as the map says it: `status Pand gesloopt`; empty where it does not."""
         for name, gone in self.layout.gone.items():
-            stated = self.value(row, [name])
-            if stated.lower() in gone:
-                return f"{name} {stated}"
+            text = self.value(row, [name])
+            if text.lower() in gone:
+                return f"{name} {text}"
         return ""
 
     def attributes(self, row: Attributes) -> dict[str, Any]:
@@ -284,10 +284,10 @@ class Reader:
         if street:
             added["address"] = ", ".join(filter(None, (street, place)))
         for name, columns in self.layout.said.items():
-            stated = self.value(row, columns)
-            known = stated if name == "use" else number_of(stated)
-            if known not in (None, ""):
-                added[name] = known
+            text = self.value(row, columns)
+            entry = text if name == "use" else number_of(text)
+            if entry not in (None, ""):
+                added[name] = entry
         return {**row, **{name: value for name, value in added.items() if name not in self.columns}}
 
 
@@ -303,8 +303,8 @@ def text_of(value: Any) -> str:
 def number_of(text: str) -> int | float | None:
     """The number a text begins with, whole where it is; None for none, and for -1 and 0, which maps write for
     what they do not know."""
-    found = re.match(r"[+-]?\d+(\.\d+)?", text)
-    if found is None or float(found[0]) <= 0.0:
+    match = re.match(r"[+-]?\d+(\.\d+)?", text)
+    if match is None or float(match[0]) <= 0.0:
         return None
-    number = float(found[0])
+    number = float(match[0])
     return int(number) if number.is_integer() else number

@@ -1,11 +1,11 @@
-"""Areas and footprints that the user gives, in world metres."""
+"""Areas and footprints that the user gives, in world metres: repaired, clipped, named."""
 
 from __future__ import annotations
 
 import logging
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.footprints.given import PART, clip_footprints, repair_footprints
 from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of, text_of
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import VectorLayer, list_vector_layers, read_table
+from eaves.geometry.rings import polygon_parts
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 
 log = logging.getLogger("eaves")
@@ -104,8 +106,10 @@ def recognise_map(path: Path, source: str | None = None) -> Map | None:
     for layer in layers:
         layout = layout_of(layer.columns) if "Point" not in layer.kind and layer.kind else None
         if layout is not None and source in (None, layout.name):
-            known = [one.name for one in layers if layout.name == "bag" and address_columns(one.columns)]
-            return Map(layout, layer, next(iter(known), None))
+            address_layers = [
+                table.name for table in layers if layout.name == "bag" and address_columns(table.columns)
+            ]
+            return Map(layout, layer, next(iter(address_layers), None))
     if source is not None:
         rule = f"has no layer with the columns of {source}"
         raise InputError.about(path, rule, "leave --footprint-source out, or give `none`")
@@ -117,13 +121,13 @@ def read_footprints(
     id_field: str | None,
     system: CoordinateSystem,
     area: BaseGeometry,
-    known: Map | None = None,
+    source: Map | None = None,
     may_miss: bool = True,
 ) -> tuple[list[Footprint], list[Failure]]:
     """The footprints of a file, repaired and clipped to `area`, and a failure, with what is known of the
     footprint, for each that cannot be used: none is lost.
 
-    Of a map whose layout is `known`, which may be that of a country, only what meets the area is read.
+    Of a map whose layout is `source`, which may be that of a country, only what meets the area is read.
 
     Raises
     ------
@@ -131,27 +135,27 @@ def read_footprints(
         When `id_field` leaves a footprint without an id, or gives two the same, or no polygon meets the area
         and none `may_miss` it.
     """
-    if known is None:
+    if source is None:
         shapes, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system, keep_all=True)
         if id_field is None:
             ids = found_ids(path, ids, attributes)
     else:
-        shapes, ids, attributes = read_map(path, id_field, system, area, known)
+        shapes, ids, attributes = read_map(path, id_field, system, area, source)
     if not may_miss:
         refuse_apart(path, shapes, area, system)
     if id_field is not None:
         refuse_ids(path, id_field, [row[id_field] for row in attributes])
-    whole, unusable = usable_and_not(repair_footprints(shapes, ids, attributes))
+    footprints, unusable = usable_and_not(repair_footprints(shapes, ids, attributes))
     absent: list[Failure] = []
-    if known is not None:
-        whole, absent = without_absent(whole, known)
-    parts = [footprint for footprint in whole if footprint.attributes.get(PART, 1) > 1]
+    if source is not None:
+        footprints, absent = without_absent(footprints, source)
+    parts = [footprint for footprint in footprints if footprint.attributes.get(PART, 1) > 1]
     if parts:
         log.warning(
             "%s: footprints of several parts give a row for each part, the first: '%s'", path, parts[0].id
         )
-    inside, outside = usable_and_not(clip_footprints(whole, area))
-    outside = outside if known is None else []  # of a country's map nobody asks for what lies elsewhere
+    inside, outside = usable_and_not(clip_footprints(footprints, area))
+    outside = outside if source is None else []  # of a country's map nobody asks for what lies elsewhere
     for failures in (unusable, absent, outside):
         if failures:
             log.warning(
@@ -175,66 +179,69 @@ def refuse_apart(
     if shapely.intersects(shapely.box(*boxes.T), area.envelope).any():
         return
     degrees = len(boxes) and (np.abs(boxes) <= DEGREES * system.horizontal_unit_m).all()
-    if degrees and all(one.crs is None for one in list_vector_layers(path)):
+    if degrees and all(layer.crs is None for layer in list_vector_layers(path)):
         raise InputError.about(
             path,
             "has no coordinate system, and its numbers look like degrees",
             "give it one: a .prj beside it, or ogr2ogr -a_srs EPSG:4326",
         )
-    there = f"they lie within {sides_of(boxes, system)}" if len(boxes) else "none is near them"
+    place = f"they lie within {sides_of(boxes, system)}" if len(boxes) else "none is near them"
     raise InputError.about(
         path,
-        f"no polygon meets the points: {there}, the points within {sides_of([area.bounds], system)}",
+        f"no polygon meets the points: {place}, the points within {sides_of([area.bounds], system)}",
         "check its coordinate system, give another map, or add --allow-empty",
     )
 
 
 def sides_of(boxes: ArrayLike, system: CoordinateSystem) -> str:
     """West, south, east and north of boxes (N, 4) (m) in the unit of a system, as `--bounds` takes them."""
-    whole = np.asarray(boxes).reshape(-1, 4) / system.horizontal_unit_m
-    sides = (*whole[:, :2].min(axis=0), *whole[:, 2:].max(axis=0))
+    extents = np.asarray(boxes).reshape(-1, 4) / system.horizontal_unit_m
+    sides = (*extents[:, :2].min(axis=0), *extents[:, 2:].max(axis=0))
     return ",".join(f"{side:.0f}" for side in sides)
 
 
-def usable_and_not(answers: Sequence[Footprint | Failure]) -> tuple[list[Footprint], list[Failure]]:
+def usable_and_not(results: Sequence[Footprint | Failure]) -> tuple[list[Footprint], list[Failure]]:
     """The footprints among some answers, and the failures."""
-    usable = [one for one in answers if isinstance(one, Footprint)]
-    return usable, [one for one in answers if isinstance(one, Failure)]
+    usable = [result for result in results if isinstance(result, Footprint)]
+    return usable, [result for result in results if isinstance(result, Failure)]
 
 
 def read_map(
-    path: Path, id_field: str | None, system: CoordinateSystem, area: BaseGeometry, known: Map
+    path: Path, id_field: str | None, system: CoordinateSystem, area: BaseGeometry, source: Map
 ) -> tuple[list[BaseGeometry], list[str], list[dict[str, Any]]]:
     """Shapes, ids and attributes of a map's buildings that meet the area; one line says what was read."""
-    reader = Reader.of(known.layout, known.layer.columns)
+    reader = Reader.of(source.layout, source.layer.columns)
     within = None if area.is_empty else Bounds(*area.bounds)
-    shapes, numbers, rows, _ = read_polygons(path, known.layer.name, target=system, within=within)
-    near = shapely.intersects(area, shapely.make_valid(np.array(shapes, dtype=object)))
-    kept = [n for n in np.flatnonzero(near) if reader.is_current_building(rows[n])]
-    name = id_field or next((one for one in known.layout.id_fields if one in reader.columns), None)
-    ids = [str(rows[n][id_field]) if id_field else reader.id_of(rows[n]) for n in kept]
-    ids = [one or numbers[n] for n, one in zip(kept, ids, strict=True)]
-    stated = addresses_of(path, known.addresses, set(ids), known.layout.id_width or 0)
-    attributes = [reader.attributes(rows[n]) | stated.get(one, {}) for n, one in zip(kept, ids, strict=True)]
+    shapes, numbers, rows, _ = read_polygons(path, source.layer.name, target=system, within=within)
+    touching = shapely.intersects(area, shapely.make_valid(np.array(shapes, dtype=object)))
+    current = [n for n in np.flatnonzero(touching) if reader.is_current_building(rows[n])]
+    name = id_field or next((field for field in source.layout.id_fields if field in reader.columns), None)
+    ids = [str(rows[n][id_field]) if id_field else reader.id_of(rows[n]) for n in current]
+    ids = [identifier or numbers[n] for n, identifier in zip(current, ids, strict=True)]
+    addresses = addresses_of(path, source.addresses, set(ids), source.layout.id_width or 0)
+    attributes = [
+        reader.attributes(rows[n]) | addresses.get(identifier, {})
+        for n, identifier in zip(current, ids, strict=True)
+    ]
     log.info(
         "%s: read as %s (layer %s, ids %s), %s of %s polygons are buildings near the points; %s",
-        *(path, known.layout.title, known.layer.name, "numbered" if name is None else f"from {name}"),
-        *(f"{len(kept):,}", f"{known.layer.count:,}", known.layout.attribution),
+        *(path, source.layout.title, source.layer.name, "numbered" if name is None else f"from {name}"),
+        *(f"{len(current):,}", f"{source.layer.count:,}", source.layout.attribution),
     )
-    return [shapes[n] for n in kept], ids, attributes
+    return [shapes[n] for n in current], ids, attributes
 
 
-def without_absent(footprints: list[Footprint], known: Map) -> tuple[list[Footprint], list[Failure]]:
+def without_absent(footprints: list[Footprint], source: Map) -> tuple[list[Footprint], list[Failure]]:
     """The footprints of what stands, and a failure for each of which the map says that nothing does."""
-    reader = Reader.of(known.layout, known.layer.columns)
+    reader = Reader.of(source.layout, source.layer.columns)
     standing, absent = [], []
     for footprint in footprints:
         reason = reader.absence(footprint.attributes)
         if not reason:
             standing.append(footprint)
             continue
-        stated = f"nothing stands there, says {known.layout.title}: {reason}"
-        absent.append(Failure("not_standing", stated, "outline", footprint))
+        message = f"nothing stands there, says {source.layout.title}: {reason}"
+        absent.append(Failure("not_standing", message, "outline", footprint))
     return standing, absent
 
 
@@ -256,37 +263,37 @@ ADDRESSES_SHOWN = 3
 def address_columns(columns: Sequence[str]) -> list[str | None]:
     """Columns of a layer that are those of `ADDRESS_COLUMNS`; none without a building's id, street or
     number."""
-    there = {column.lower(): column for column in columns}
-    found = [next((there[name] for name in names if name in there), None) for names in ADDRESS_COLUMNS]
-    return found if None not in found[:3] else []
+    by_name = {column.lower(): column for column in columns}
+    matches = [next((by_name[name] for name in names if name in by_name), None) for names in ADDRESS_COLUMNS]
+    return matches if None not in matches[:3] else []
 
 
 def addresses_of(path: Path, layer: str | None, ids: set[str], width: int) -> dict[str, dict[str, Any]]:
     """The addresses of the buildings `ids`, by id: `address` in words, `addresses` their number."""
     if layer is None or not ids:
         return {}
-    columns = next(one.columns for one in list_vector_layers(path) if one.name == layer)
+    columns = next(table.columns for table in list_vector_layers(path) if table.name == layer)
     names = address_columns(columns)
-    found: dict[str, set[tuple[str, int, str, str]]] = {}
+    by_building: dict[str, set[tuple[str, int, str, str]]] = {}
     for row in read_table(path, layer, [name for name in names if name is not None]):
-        stated = ["" if name is None else text_of(row[name]) for name in names]
-        street, number, letter, addition, postcode, town = stated[1:]
+        values = ["" if name is None else text_of(row[name]) for name in names]
+        street, number, letter, addition, postcode, town = values[1:]
         house = number + letter + (f"-{addition}" if addition else "")
         place = " ".join(filter(None, (postcode, town)))
-        known = (street, int(number) if number.isdigit() else 0, house, place)
-        for one in stated[0].split(","):  # an object may lie in several buildings
-            building = one.strip().zfill(width)
+        address = (street, int(number) if number.isdigit() else 0, house, place)
+        for identifier in values[0].split(","):  # an object may lie in several buildings
+            building = identifier.strip().zfill(width)
             if building in ids:
-                found.setdefault(building, set()).add(known)
-    answers = {}
-    for one, known_here in found.items():
+                by_building.setdefault(building, set()).add(address)
+    texts = {}
+    for identifier, addresses in by_building.items():
         lines = [
             f"{street} {house}" + (f", {place}" if place else "")
-            for street, _, house, place in sorted(known_here)
+            for street, _, house, place in sorted(addresses)
         ]
         more = f" and {len(lines) - ADDRESSES_SHOWN} more" if len(lines) > ADDRESSES_SHOWN else ""
-        answers[one] = {"address": "; ".join(lines[:ADDRESSES_SHOWN]) + more, "addresses": len(lines)}
-    return answers
+        texts[identifier] = {"address": "; ".join(lines[:ADDRESSES_SHOWN]) + more, "addresses": len(lines)}
+    return texts
 
 
 def found_ids(path: Path, numbers: list[str], attributes: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -312,10 +319,119 @@ def refuse_ids(path: Path, id_field: str, ids: Sequence[object]) -> None:
         With how many have none, or which one occurs more than once.
     """
     remedy = f"mend the field, name another one, or leave --id-field {id_field} out: then they are numbered"
-    empty = sum(one is None or str(one).strip() == "" for one in ids)
+    empty = sum(value is None or str(value).strip() == "" for value in ids)
     if empty:
         raise InputError.about(path, f"{empty} of {len(ids)} footprints have no '{id_field}'", remedy)
     often = [name for name, count in Counter(map(str, ids)).items() if count > 1]
     if often:
         rule = f"{len(often)} values of '{id_field}' occur more than once (the first: '{often[0]}')"
         raise InputError.about(path, rule, remedy)
+
+
+MOST_CORNERS = 3000
+"""No building has more; lines and checks of all corners with all others would take hours of a million."""
+COARSEST = 1.0
+"""No corner is moved so far (m) to have fewer: what has more even so has as many courtyards."""
+PART = "given_part"
+"""Attribute of what a footprint of several parts becomes: 1 for the largest, which keeps the id."""
+MIN_AREA_M2 = 1.0
+"""A given footprint, or a part of one, that is smaller is a slip of the pen."""
+
+
+def repair_footprints(
+    shapes: Iterable[BaseGeometry | None],
+    ids: Sequence[str] | None = None,
+    attributes: Sequence[Mapping[str, Any]] | None = None,
+) -> list[Footprint | Failure]:
+    """The usable footprints among `shapes` (metres), in their order: valid, single, counter-clockwise; a
+    Failure, with a footprint that has id and attributes but no area, for each that has none to build on.
+
+    A shape of several parts, or one that crosses itself, becomes several footprints, the largest first; all
+    but the first get "-2", "-3", … behind the id. So does an id that was given before.
+    """
+    results: list[Footprint | Failure] = []
+    names: set[str] = set()
+    other_ids = set() if ids is None else set(map(str, ids))
+    for number, shape in enumerate(shapes):
+        identifier = "" if ids is None else str(ids[number])
+        columns = {} if attributes is None else dict(attributes[number])
+        parts = repaired_parts(shape)
+        for place, part in enumerate(parts, 1):
+            name = unused_id(identifier, names | other_ids if place > 1 else names)
+            names.add(name)
+            several = {PART: place} if len(parts) > 1 else {}
+            results.append(Footprint(part, id=name, attributes=columns | several))
+        if not parts:
+            name = str(number) if ids is None else identifier
+            reason = f"given footprint '{name}' {defect_of(shape)}"
+            nowhere = Footprint(Polygon(), id=name, attributes=columns)
+            results.append(Failure("no_area", reason, "outline", nowhere))
+    return results
+
+
+def defect_of(shape: BaseGeometry | None) -> str:
+    """Why there is nothing to build on in a shape, in words."""
+    if shape is None or shape.is_empty:
+        return "has no geometry"
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        return "has coordinates that are no numbers"
+    return f"is a {shape.geom_type} without area"
+
+
+def repaired_parts(shape: BaseGeometry | None) -> list[Polygon]:
+    """The valid polygons of a shape, largest first, without parts and holes under `MIN_AREA_M2`."""
+    if shape is None or shape.is_empty or not np.isfinite(shapely.get_coordinates(shape)).all():
+        return []
+    parts = []
+    for polygon in polygon_parts(shapely.force_2d(shape), COORDINATE_STEP):
+        part = lightened(polygon)
+        if part.area >= MIN_AREA_M2:
+            holes = [ring for ring in part.interiors if Polygon(ring).area >= MIN_AREA_M2]
+            parts.append(shapely.orient_polygons(Polygon(part.exterior, holes)))
+    return sorted(parts, key=lambda part: (-part.area, part.bounds))
+
+
+def lightened(part: Polygon) -> Polygon:
+    """The polygon; of more corners than `MOST_CORNERS` fewer, true to a millimetre, or to the least
+    power of two of it that leaves no more."""
+    tolerance, light = COORDINATE_STEP, part
+    while shapely.get_num_coordinates(light) > MOST_CORNERS and tolerance < COARSEST:
+        light = shapely.simplify(part, tolerance)
+        tolerance *= 2
+    return light
+
+
+def unused_id(stem: str, names: set[str]) -> str:
+    """The id, or the first of id-2, id-3, … not in `names`; an empty one stays empty."""
+    name, number = stem, 1
+    while name and name in names:
+        number += 1
+        name = f"{stem}-{number}"
+    return name
+
+
+def clip_footprints(
+    footprints: Sequence[Footprint], area: Bounds | BaseGeometry
+) -> list[Footprint | Failure]:
+    """Each footprint cut to `area`, in order; a Failure for those outside; what was cut carries `clipped`.
+
+    Of a footprint that the border cuts into several pieces the largest stays.
+    """
+    if isinstance(area, Bounds):
+        area = shapely.box(area.west, area.south, area.east, area.north)
+    results: list[Footprint | Failure] = []
+    shapely.prepare(area)
+    for footprint in footprints:
+        if area.contains_properly(footprint.polygon):
+            results.append(footprint)
+            continue
+        inside = repaired_parts(footprint.polygon.intersection(area))
+        if not inside:
+            reason = f"given footprint '{footprint.id}' lies outside the area"
+            results.append(Failure("outside", reason, "outline", footprint))
+        elif inside[0].area > footprint.polygon.area - MIN_AREA_M2 * COORDINATE_STEP:
+            results.append(footprint)
+        else:
+            marked = {**footprint.attributes, "clipped": True}
+            results.append(footprint.with_(polygon=inside[0], attributes=marked))
+    return results

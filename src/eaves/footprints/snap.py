@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import Footprint, Points
+from eaves.model import Footprint, Integers, Points, Values
 from eaves.outline.global_fit import GlobalFit
 from eaves.outline.toolkit.edges import edge_shift_kernel
 from eaves.outline.toolkit.shared_edges import shared_rings
@@ -43,25 +42,25 @@ def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: fl
     moved = base = nodes
     for together in (True, False):
         shift, normal, length = edge_shifts(moved, first, second, points, spacing)
-        known = np.isfinite(shift)
-        if not known.any():
+        finite = np.isfinite(shift)
+        if not finite.any():
             break
         if together:
-            moved = base = moved + common_shift(shift[known], normal[known], length[known])
+            moved = base = moved + common_shift(shift[finite], normal[finite], length[finite])
         else:
             moved = moved + vertex_moves(len(nodes), first, second, shift, normal, length)
     base, moved = (np.round(xy / COORDINATE_STEP) * COORDINATE_STEP for xy in (base, moved))
     while True:
         polygons = [
-            polygon_of([moved[ring] for ring, one in zip(rings, owner, strict=True) if one == number])
+            polygon_of([moved[ring] for ring, holder in zip(rings, owner, strict=True) if holder == number])
             for number in range(len(footprints))
         ]
         spoilt = {
             number
-            for number, (polygon, given) in enumerate(zip(polygons, footprints, strict=True))
-            if not polygon.is_valid or polygon.area < 0.5 * given.polygon.area
+            for number, (polygon, source) in enumerate(zip(polygons, footprints, strict=True))
+            if not polygon.is_valid or polygon.area < 0.5 * source.polygon.area
         }
-        nodes_of = [ring for ring, one in zip(rings, owner, strict=True) if one in spoilt]
+        nodes_of = [ring for ring, holder in zip(rings, owner, strict=True) if holder in spoilt]
         back = np.unique(np.concatenate([*nodes_of, np.zeros(0, np.int64)]))
         if (moved[back] == base[back]).all():
             break
@@ -77,13 +76,13 @@ def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: fl
     ]
 
 
-def polygon_of(rings: list[NDArray[np.float64]]) -> Polygon:
+def polygon_of(rings: list[Values]) -> Polygon:
     """The polygon of an outer ring and its holes; an empty one where vertices fell together."""
     outer, *holes = rings
     return Polygon(outer, [hole for hole in holes if len(hole) > 2]) if len(outer) > 2 else Polygon()
 
 
-def free_edges(rings: list[NDArray[np.int64]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def free_edges(rings: list[Integers]) -> tuple[Integers, Integers]:
     """The vertices where the edges of one polygon only start and end, (E,) each."""
     first = np.concatenate(rings)
     second = np.concatenate([np.roll(ring, -1) for ring in rings])
@@ -94,12 +93,12 @@ def free_edges(rings: list[NDArray[np.int64]]) -> tuple[NDArray[np.int64], NDArr
 
 
 def edge_shifts(
-    nodes: NDArray[np.float64],
-    first: NDArray[np.int64],
-    second: NDArray[np.int64],
+    nodes: Values,
+    first: Integers,
+    second: Integers,
     points: Points,
     spacing: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Values, Values, Values]:
     """Distance (E,) of each edge from the end of the points, its inward normal (E, 2) and its length (E,).
 
     NaN where the edge is short, has no points behind it, or the points go on before it (a building that the
@@ -127,9 +126,7 @@ def edge_shifts(
     return np.where(useless, np.nan, shift), normal, length
 
 
-def common_shift(
-    shift: NDArray[np.float64], normal: NDArray[np.float64], length: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def common_shift(shift: Values, normal: Values, length: Values) -> Values:
     """The one translation (2,) that serves the edges best; overhangs on opposite sides cancel."""
     weight = length / length.sum()
     matrix = (normal * weight[:, None]).T @ normal + STIFFNESS * np.eye(2)
@@ -138,15 +135,15 @@ def common_shift(
 
 def vertex_moves(
     count: int,
-    first: NDArray[np.int64],
-    second: NDArray[np.int64],
-    shift: NDArray[np.float64],
-    normal: NDArray[np.float64],
-    length: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    first: Integers,
+    second: Integers,
+    shift: Values,
+    normal: Values,
+    length: Values,
+) -> Values:
     """Displacement (count, 2) of each vertex that moves its edges by `shift` (E,) along their normals."""
-    known = np.isfinite(shift)
-    step = np.where(known, shift, 0.0)
+    finite = np.isfinite(shift)
+    step = np.where(finite, shift, 0.0)
     matrix = np.tile(STIFFNESS * np.eye(2), (count, 1, 1))
     right = np.zeros((count, 2))
     weight = np.minimum(length / 3.0, 1.0)

@@ -9,14 +9,14 @@ from eaves.model import Integers, Labels
 
 
 @kernel
-def connected_groups_kernel(one: Integers, other: Integers, count: int) -> Integers:
-    """The group (N,) of each of `count` nodes, edges joining `one` (E,) to `other` (E,).
+def connected_groups_kernel(first: Integers, second: Integers, count: int) -> Integers:
+    """The group (N,) of each of `count` nodes, edges joining `first` (E,) to `second` (E,).
 
     Groups are numbered in the order of their first nodes.
     """
     head = np.arange(count)
-    for edge in range(len(one)):
-        unite_kernel(head, one[edge], other[edge])
+    for edge in range(len(first)):
+        unite_kernel(head, first[edge], second[edge])
     groups = 0
     for node in range(count):
         if head[node] == node:

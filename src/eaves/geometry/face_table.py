@@ -192,8 +192,8 @@ class FaceTable:
         pieces, number = shapely.get_parts(cut, return_index=True)
         face = np.flatnonzero(valid)[number]
         uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-        one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-        clockwise = one[:, 0] * two[:, 1] < one[:, 1] * two[:, 0]
+        side, diagonal = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+        clockwise = side[:, 0] * diagonal[:, 1] < side[:, 1] * diagonal[:, 0]
         uv[clockwise] = uv[clockwise][:, ::-1]
         corner = self._corners_at(places, uv.reshape(-1, 2) + 0.0, np.repeat(face, 3)).reshape(-1, 3)
         crossing = np.flatnonzero(~valid & (self.areas > 0.0))
@@ -209,11 +209,11 @@ class FaceTable:
         after = np.arange(first + 1, first + self.ring_sizes[self.outer[face]] - 1)
         return np.column_stack([np.full(len(after), first), after, after + 1])
 
-    def _corners_at(self, places: Values, wanted: Values, face: Integers) -> Integers:
-        """The corners (K,) of faces (K,) at places `wanted` (K, 2) on their planes, where the corners are
+    def _corners_at(self, places: Values, targets: Values, face: Integers) -> Integers:
+        """The corners (K,) of faces (K,) at places `targets` (K, 2) on their planes, where the corners are
         at `places` (V, 2)."""
         owner = np.concatenate([self.face_of_corner, face])
-        u, v = np.concatenate([places, wanted]).T
+        u, v = np.concatenate([places, targets]).T
         order = np.lexsort((v, u, owner))
         new = np.zeros(len(order), np.int64)
         for key in (owner[order], u[order], v[order]):
@@ -243,12 +243,12 @@ def ring_figures_kernel(corners: Points, sizes: Integers) -> tuple[Points, Point
     first = 0
     for number, size in enumerate(sizes):
         ring = corners[first : first + size]
-        for one in range(size):
-            x, y, z = ring[one] - ring[0]
-            u, v, w = ring[(one + 1) % size] - ring[0]
+        for corner in range(size):
+            x, y, z = ring[corner] - ring[0]
+            u, v, w = ring[(corner + 1) % size] - ring[0]
             vectors[number, 0] += y * w - z * v
             vectors[number, 1] += z * u - x * w
             vectors[number, 2] += x * v - y * u
-            middles[number] += ring[one]
+            middles[number] += ring[corner]
         first += size
     return 0.5 * vectors, middles / sizes.reshape(-1, 1)

@@ -58,10 +58,10 @@ def inside_kernel(
     Points at `x`, `y` (N,), y ascending; the edges of polygon p are `first[p]` to `first[p + 1]`. Counts the
     edges that a ray to the east of the point crosses.
     """
-    room, found = len(x) + 16, 0
+    room, hits = len(x) + 16, 0
     point, polygon = np.empty(room, np.int64), np.empty(room, np.int64)
     sure = np.empty(room, np.bool_)
-    near = np.empty(len(x), np.int64)
+    candidates = np.empty(len(x), np.int64)
     height = np.empty(len(x))
     odd, border, unsure = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
     for number in range(len(first) - 1):
@@ -73,46 +73,46 @@ def inside_kernel(
             west, east = min(west, start[edge, 0]), max(east, start[edge, 0])
             south, north = min(south, start[edge, 1]), max(north, start[edge, 1])
         count = 0
-        for one in range(np.searchsorted(y, south), np.searchsorted(y, north, side="right")):
-            if west <= x[one] <= east:
-                near[count], height[count] = one, y[one]
+        for k in range(np.searchsorted(y, south), np.searchsorted(y, north, side="right")):
+            if west <= x[k] <= east:
+                candidates[count], height[count] = k, y[k]
                 odd[count] = border[count] = unsure[count] = False
                 count += 1
         for edge in edges:
             ax, ay, bx, by = start[edge, 0], start[edge, 1], end[edge, 0], end[edge, 1]
             low, high = min(ay, by), max(ay, by)
             right = max(ax, bx)
-            for one in range(np.searchsorted(height[:count], low), count):
-                if height[one] > high:
+            for k in range(np.searchsorted(height[:count], low), count):
+                if height[k] > high:
                     break
-                px, py = x[near[one]], height[one]
+                px, py = x[candidates[k]], height[k]
                 if px > right:
                     continue
                 if (px == bx and py == by) or (low == high and px >= min(ax, bx)):
-                    border[one] = True
+                    border[k] = True
                 elif low <= py < high:
-                    one_way, other = (ax - px) * (by - py), (ay - py) * (bx - px)
-                    cross = one_way - other
-                    if abs(cross) < ROUNDING * (abs(one_way) + abs(other)):
-                        unsure[one] = True
+                    one_way, other_way = (ax - px) * (by - py), (ay - py) * (bx - px)
+                    cross = one_way - other_way
+                    if abs(cross) < ROUNDING * (abs(one_way) + abs(other_way)):
+                        unsure[k] = True
                     elif cross == 0.0:
-                        border[one] = True
+                        border[k] = True
                     elif (cross > 0.0) == (by > ay):
-                        odd[one] = not odd[one]
-        for one in range(count):
-            if odd[one] or border[one] or unsure[one]:
-                if found == room:
+                        odd[k] = not odd[k]
+        for k in range(count):
+            if odd[k] or border[k] or unsure[k]:
+                if hits == room:
                     room *= 2
                     longer = np.empty((2, room), np.int64)
-                    longer[0, :found], longer[1, :found] = point, polygon
+                    longer[0, :hits], longer[1, :hits] = point, polygon
                     point, polygon = longer[0], longer[1]
                     surer = np.empty(room, np.bool_)
-                    surer[:found] = sure
+                    surer[:hits] = sure
                     sure = surer
-                point[found], polygon[found] = near[one], number
-                sure[found] = border[one] or not unsure[one]
-                found += 1
-    return point[:found], polygon[:found], sure[:found]
+                point[hits], polygon[hits] = candidates[k], number
+                sure[hits] = border[k] or not unsure[k]
+                hits += 1
+    return point[:hits], polygon[:hits], sure[:hits]
 
 
 def is_inside(x: float, y: float, start: Values, end: Values) -> bool:
@@ -121,8 +121,8 @@ def is_inside(x: float, y: float, start: Values, end: Values) -> bool:
     """
     px, py = Fraction(float(x)), Fraction(float(y))
     odd = False
-    for one, other in zip(start.tolist(), end.tolist(), strict=True):
-        ax, ay, bx, by = (Fraction(value) for value in (*one, *other))
+    for corner, following in zip(start.tolist(), end.tolist(), strict=True):
+        ax, ay, bx, by = (Fraction(value) for value in (*corner, *following))
         cross = (ax - px) * (by - py) - (ay - py) * (bx - px)
         if cross == 0 and min(ax, bx) <= px <= max(ax, bx) and min(ay, by) <= py <= max(ay, by):
             return True

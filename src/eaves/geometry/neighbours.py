@@ -23,8 +23,8 @@ def nearest(queries: Points, xyz: Points, count: int) -> tuple[Integers, Values]
     """The `count` nearest (M, K) of points (N, 3) to queries (M, 3), nearest first, K = min(count, N), and
     their distances (M, K)."""
     side = SPACINGS_PER_CELL * measure_spacing(xyz)
-    found, squares = nearest_kernel(queries, xyz, side, min(count, len(xyz)))
-    return found, np.sqrt(squares)
+    neighbours, squares = nearest_kernel(queries, xyz, side, min(count, len(xyz)))
+    return neighbours, np.sqrt(squares)
 
 
 @kernel
@@ -52,13 +52,13 @@ def nearest_kernel(queries: Points, xyz: Points, side: float, count: int) -> tup
         place = last[cell[i]]
         order[place], last[cell[i]] = i, place + 1
         table[place, 0], table[place, 1], table[place, 2] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-    found, squares = np.empty((len(queries), count), np.int64), np.full((len(queries), count), np.inf)
+    neighbours, squares = np.empty((len(queries), count), np.int64), np.full((len(queries), count), np.inf)
     for query in range(len(queries) if count else 0):
         x, y, z = queries[query, 0], queries[query, 1], queries[query, 2]
         own_column, own_row = int(np.floor((x - west) / side)), int(np.floor((y - south) / side))
         inward = min(x - west - own_column * side, y - south - own_row * side)
         inward = min(inward, side - (x - west - own_column * side), side - (y - south - own_row * side))
-        near, numbers, ring, farthest = squares[query], found[query], 0, np.inf
+        ranked, numbers, ring, farthest = squares[query], neighbours[query], 0, np.inf
         while farthest > max((ring - 1) * side + inward, 0.0) ** 2 or ring == 0:
             for row in range(max(own_row - ring, 0), min(own_row + ring, rows - 1) + 1):
                 step = 1 if abs(row - own_row) == ring else 2 * ring
@@ -71,13 +71,13 @@ def nearest_kernel(queries: Points, xyz: Points, side: float, count: int) -> tup
                         if square >= farthest:
                             continue
                         slot = count - 1
-                        while slot > 0 and near[slot - 1] > square:
-                            near[slot], numbers[slot] = near[slot - 1], numbers[slot - 1]
+                        while slot > 0 and ranked[slot - 1] > square:
+                            ranked[slot], numbers[slot] = ranked[slot - 1], numbers[slot - 1]
                             slot -= 1
-                        near[slot], numbers[slot] = square, order[place]
-                        farthest = near[count - 1]
+                        ranked[slot], numbers[slot] = square, order[place]
+                        farthest = ranked[count - 1]
             ring += 1
-    return found, squares
+    return neighbours, squares
 
 
 def measure_spacing(xyz: Points) -> float:

@@ -24,8 +24,8 @@ def half_shared(ones: Sequence[BaseGeometry], others: Sequence[BaseGeometry]) ->
     j, i = shapely.STRtree(first).query(second, predicate="intersects")
     shared = shapely.area(shapely.intersection(first[i], second[j]))
     least = np.minimum(shapely.area(first)[i], shapely.area(second)[j])
-    kept = (shared > 0) & (shared >= HALF * least)
-    return list(zip(shared[kept].tolist(), i[kept].tolist(), j[kept].tolist(), strict=True))
+    large = (shared > 0) & (shared >= HALF * least)
+    return list(zip(shared[large].tolist(), i[large].tolist(), j[large].tolist(), strict=True))
 
 
 def pair_off(
@@ -33,9 +33,9 @@ def pair_off(
 ) -> dict[One, Other]:
     """Pairs, the best first, of which each of either set is in one at most; beside those `known`."""
     pairs = dict(known or {})
-    taken = set(pairs.values())
-    for one, other in ranked:
-        if one not in pairs and other not in taken:
-            pairs[one] = other
-            taken.add(other)
+    partners = set(pairs.values())
+    for item, partner in ranked:
+        if item not in pairs and partner not in partners:
+            pairs[item] = partner
+            partners.add(partner)
     return pairs

@@ -12,16 +12,16 @@ def quantile(values: Values, share: float) -> float:
     last = len(values) - 1
     place = last * share
     low = int(place)
-    near = [low, min(low + 1, last)]
-    before, after = map(float, np.partition(values, near)[near])
+    places = [low, min(low + 1, last)]
+    before, after = map(float, np.partition(values, places)[places])
     step, part = after - before, place - low
     return before + step * part if part < 0.5 else after - step * (1.0 - part)
 
 
 def median(values: Values | Integers) -> float:
     """The median of values (N,), N ≥ 1, none of them NaN, as `numpy.median` has it."""
-    near = [(len(values) - 1) // 2, len(values) // 2]
-    below, above = np.partition(values, near)[near]
+    middles = [(len(values) - 1) // 2, len(values) // 2]
+    below, above = np.partition(values, middles)[middles]
     return float(below + above) / 2.0
 
 
@@ -40,12 +40,12 @@ def group_percentiles(values: Values, group: Labels | Integers, count: int, perc
     last = np.maximum(size - 1, 0)
     place = last * (percent / 100.0)
     low = np.floor(place).astype(np.int64)
-    some = size > 0
-    answer = np.full(count, np.nan)
-    before = ordered[(first[:-1] + low)[some]]
-    after = ordered[(first[:-1] + np.minimum(low + 1, last))[some]]
-    answer[some] = between(before, after, (place - low)[some])
-    return answer
+    filled = size > 0
+    percentiles = np.full(count, np.nan)
+    before = ordered[(first[:-1] + low)[filled]]
+    after = ordered[(first[:-1] + np.minimum(low + 1, last))[filled]]
+    percentiles[filled] = between(before, after, (place - low)[filled])
+    return percentiles
 
 
 def column_percentiles(values: Values, percents: tuple[float, ...]) -> Values:

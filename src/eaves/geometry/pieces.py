@@ -17,35 +17,35 @@ def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> li
     """One polygon for each of `count` owners; what does not hang together with it goes to its neighbours."""
     loose = [
         number
-        for one in range(count)
-        for number in loose_pieces(pieces, [k for k, own in enumerate(owner) if own == one])
+        for label in range(count)
+        for number in loose_pieces(pieces, [k for k, holder in enumerate(owner) if holder == label])
     ]
     for number in loose:
         border = borders_of(number, pieces, owner, count)
         border[owner[number]] = 0.0
         if border.max(initial=0.0) > 0.0:
             owner[number] = int(np.argmax(border))
-    answers: list[Polygon | None] = []
-    for one in range(count):
-        own = [piece for piece, number in zip(pieces, owner, strict=True) if number == one]
-        parts = polygon_parts(shapely.union_all(own, grid_size=COORDINATE_STEP)) if own else []
-        answers.append(max(parts, key=lambda part: part.area) if parts else None)
-    return answers
+    joined: list[Polygon | None] = []
+    for label in range(count):
+        members = [piece for piece, number in zip(pieces, owner, strict=True) if number == label]
+        parts = polygon_parts(shapely.union_all(members, grid_size=COORDINATE_STEP)) if members else []
+        joined.append(max(parts, key=lambda part: part.area) if parts else None)
+    return joined
 
 
-def loose_pieces(pieces: Sequence[Polygon], own: Sequence[int]) -> list[int]:
-    """Those of the pieces numbered `own` that are not in the largest part of their union."""
-    parts = polygon_parts(shapely.union_all([pieces[k] for k in own], grid_size=COORDINATE_STEP))
+def loose_pieces(pieces: Sequence[Polygon], members: Sequence[int]) -> list[int]:
+    """Those of the pieces numbered `members` that are not in the largest part of their union."""
+    parts = polygon_parts(shapely.union_all([pieces[k] for k in members], grid_size=COORDINATE_STEP))
     if len(parts) < 2:
         return []
     largest = max(parts, key=lambda part: part.area)
-    return [k for k in own if not largest.covers(pieces[k].representative_point())]
+    return [k for k in members if not largest.covers(pieces[k].representative_point())]
 
 
 def borders_of(number: int, pieces: Sequence[Polygon], owner: Sequence[int], count: int) -> Values:
     """Length (count,) of the border that a piece shares with the pieces of each owner (m)."""
     border = np.zeros(count)
-    for k, (piece, one) in enumerate(zip(pieces, owner, strict=True)):
-        if one >= 0 and k != number and piece.intersects(pieces[number]):
-            border[one] += piece.intersection(pieces[number]).length
+    for k, (piece, holder) in enumerate(zip(pieces, owner, strict=True)):
+        if holder >= 0 and k != number and piece.intersects(pieces[number]):
+            border[holder] += piece.intersection(pieces[number]).length
     return border

@@ -128,20 +128,20 @@ def local_planes_kernel(
     for i in range(len(neighbours)):
         first = neighbours[i, 0]
         sums[:] = 0.0
-        used = 0
+        size = 0
         need = smallest
         while True:
-            while used < need:
-                j = neighbours[i, used]
+            while size < need:
+                j = neighbours[i, size]
                 add_point_kernel(
                     sums, xyz[j, 0] - xyz[first, 0], xyz[j, 1] - xyz[first, 1], xyz[j, 2] - xyz[first, 2], 1.0
                 )
-                used += 1
+                size += 1
             plane_of_sums_kernel(sums, covariance, vectors, values, plane)
-            if values[1] >= line_ratio * values[2] or used == neighbours.shape[1]:
+            if values[1] >= line_ratio * values[2] or size == neighbours.shape[1]:
                 break
-            need = min(used + 4, neighbours.shape[1])
-        counts[i] = used
+            need = min(size + 4, neighbours.shape[1])
+        counts[i] = size
         for k in range(3):
             normals[i, k] = plane[k]
             eigenvalues[i, k] = values[k]
@@ -177,8 +177,8 @@ def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalP
     most = neighbours.shape[1]
     normals, eigenvalues = np.zeros((len(neighbours), 3)), np.zeros((len(neighbours), 3))
     counts = np.zeros(len(neighbours), np.int64)
-    known = (xyz, neighbours, min(count, most))
-    local_planes_kernel(*known, LINE_RATIO, normals, eigenvalues, counts)
+    neighbourhoods = (xyz, neighbours, min(count, most))
+    local_planes_kernel(*neighbourhoods, LINE_RATIO, normals, eigenvalues, counts)
     total = eigenvalues.sum(axis=1)
     curvature = eigenvalues[:, 0] / np.where(total > 0.0, total, 1.0)  # [xiao2014], eq. 3
     spacing = float(median(distances[:, -1]) * np.sqrt(np.pi / most))

@@ -87,10 +87,10 @@ def split_loops(ring: Integers) -> list[Integers]:
 
 def polygon_parts(shape: BaseGeometry, grid: float = COORDINATE_STEP) -> list[Polygon]:
     """The valid polygons a shape consists of, with coordinates on the grid (m); none for points and lines."""
-    whole = shapely.set_precision(shapely.make_valid(shape), grid)
+    valid = shapely.set_precision(shapely.make_valid(shape), grid)
     return [
         piece
-        for part in shapely.get_parts(whole)
+        for part in shapely.get_parts(valid)
         for piece in shapely.get_parts(part)  # a collection may hold a multipolygon
         if piece.geom_type == "Polygon" and piece.area > 0
     ]

@@ -80,16 +80,16 @@ def roof_point_mask(xyz: Points) -> Mask:
 @kernel
 def uncovered_kernel(xyz: Points) -> Mask:
     """The mask (N,) as `roof_point_mask` says, of points (N, 3) from west to east."""
-    seen = np.ones(len(xyz), np.bool_)
-    for one in range(len(xyz)):
-        for other in range(one + 1, len(xyz)):
-            east = xyz[other, 0] - xyz[one, 0]
+    uncovered = np.ones(len(xyz), np.bool_)
+    for i in range(len(xyz)):
+        for j in range(i + 1, len(xyz)):
+            east = xyz[j, 0] - xyz[i, 0]
             if east > NEAR:
                 break
-            rise = xyz[other, 2] - xyz[one, 2]
-            if abs(rise) > DROP and east**2 + (xyz[other, 1] - xyz[one, 1]) ** 2 <= NEAR**2:
-                seen[one if rise > 0.0 else other] = False
-    return seen
+            rise = xyz[j, 2] - xyz[i, 2]
+            if abs(rise) > DROP and east**2 + (xyz[j, 1] - xyz[i, 1]) ** 2 <= NEAR**2:
+                uncovered[i if rise > 0.0 else j] = False
+    return uncovered
 
 
 def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:

@@ -37,12 +37,12 @@ def find_walls_and_trees(
         return part
     upright = np.abs(local_planes(cloud.xyz, neighbours, neighbours).normals[:, 2])
     part[upright < np.cos(np.radians(wall_angle))] = WALL
-    left = np.flatnonzero(part == 0)
-    if not cloud.has_returns or cloud.return_number is None or len(left) <= neighbours:
+    unassigned = np.flatnonzero(part == 0)
+    if not cloud.has_returns or cloud.return_number is None or len(unassigned) <= neighbours:
         return part
-    around = local_planes(cloud.xyz[left], neighbours, neighbours).neighbours
-    later = (cloud.return_number[left] > 1).astype(np.float64)
-    part[left[later[around].mean(axis=1) > tree_share]] = TREE  # eq. 2
+    around = local_planes(cloud.xyz[unassigned], neighbours, neighbours).neighbours
+    later = (cloud.return_number[unassigned] > 1).astype(np.float64)
+    part[unassigned[later[around].mean(axis=1) > tree_share]] = TREE  # eq. 2
     return part
 
 
@@ -50,13 +50,13 @@ def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> Integ
     """Region (N,), counted from 0: connected points of like normals (degrees) with no step between them."""
     likeness, rise = np.cos(np.radians(smooth_angle)), np.sin(np.radians(smooth_angle))
 
-    def joined(other: Integers) -> Mask:
-        link = xyz[other] - xyz
+    def joined(neighbour: Integers) -> Mask:
+        link = xyz[neighbour] - xyz
         length = np.sqrt((link**2).sum(axis=1))
-        alike = (planes.normals * planes.normals[other]).sum(axis=1) > likeness
+        alike = (planes.normals * planes.normals[neighbour]).sum(axis=1) > likeness
         off = np.maximum(
             np.abs((link * planes.normals).sum(axis=1)),
-            np.abs((link * planes.normals[other]).sum(axis=1)),
+            np.abs((link * planes.normals[neighbour]).sum(axis=1)),
         )
         return np.asarray(alike & (off <= np.maximum(rise * length, 3.0 * planes.noise)))
 
@@ -66,8 +66,8 @@ def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> Integ
 def euclidean_components(xyz: Points, planes: LocalPlanes, join: float) -> Labels:
     """Numbers (N,) from 0 of the connected components: neighbours nearer than `join` (m) are one."""
 
-    def joined(other: Integers) -> Mask:
-        return np.asarray(((xyz[other] - xyz) ** 2).sum(axis=1) <= join * join)
+    def joined(neighbour: Integers) -> Mask:
+        return np.asarray(((xyz[neighbour] - xyz) ** 2).sum(axis=1) <= join * join)
 
     return connected_points(planes, joined)
 

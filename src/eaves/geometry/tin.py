@@ -102,9 +102,9 @@ class Tin:
         """
         if self._count == 0:
             return np.full(len(xy), -1, np.int32)
-        whole = whole_kernel(np.ascontiguousarray(xy), self.corner)
+        targets = whole_kernel(np.ascontiguousarray(xy), self.corner)
         start = np.full(len(xy), -1, np.int32) if hint is None else hint
-        return np.asarray(locate_kernel(self.whole, whole, self.vertices, self.neighbours, start))
+        return np.asarray(locate_kernel(self.whole, targets, self.vertices, self.neighbours, start))
 
     def interpolate(self, heights: Values, xy: Points) -> Values:
         """Linear heights (N,) at points (N, 2 or 3), from `heights` of all points; NaN outside the hull."""
@@ -125,11 +125,11 @@ class Tin:
 @kernel
 def whole_kernel(xy: Points, corner: NDArray[np.float64]) -> NDArray[np.int64]:
     """Plan coordinates (N, 2) of points (N, 2 or 3) about the corner, in quanta."""
-    whole = np.empty((len(xy), 2), np.int64)
+    steps = np.empty((len(xy), 2), np.int64)
     for i in range(len(xy)):
         for axis in range(2):
-            whole[i, axis] = int(np.rint((xy[i, axis] - corner[axis]) / GRID_STEP))
-    return whole
+            steps[i, axis] = int(np.rint((xy[i, axis] - corner[axis]) / GRID_STEP))
+    return steps
 
 
 def hilbert_table() -> NDArray[np.int32]:
@@ -142,8 +142,8 @@ def hilbert_table() -> NDArray[np.int32]:
     position = np.zeros_like(turn)
     for level in range(CURVE_BITS - 1, -1, -1):
         over, swapped = turn & 1, turn >> 1
-        one, two = (x >> level & 1) ^ over, (y >> level & 1) ^ over
-        right, up = np.where(swapped, two, one), np.where(swapped, one, two)
+        bit_x, bit_y = (x >> level & 1) ^ over, (y >> level & 1) ^ over
+        right, up = np.where(swapped, bit_y, bit_x), np.where(swapped, bit_x, bit_y)
         position = position << 2 | (3 * right) ^ up
         turn = (over ^ (right & (1 - up))) | (swapped ^ (1 - up)) << 1
     return np.asarray(position << 2 | turn, np.int32)
@@ -153,22 +153,22 @@ HILBERT = hilbert_table()
 
 
 @kernel
-def hilbert_kernel(whole: NDArray[np.int64]) -> NDArray[np.int64]:
+def hilbert_kernel(steps: NDArray[np.int64]) -> NDArray[np.int64]:
     """Position (N,) of whole coordinates (N, 2) along a Hilbert curve."""
-    count = len(whole)
+    count = len(steps)
     key = np.empty(count, np.int64)
     if count == 0:
         return key
-    low_x, low_y, top = whole[0, 0], whole[0, 1], 1
+    low_x, low_y, top = steps[0, 0], steps[0, 1], 1
     for i in range(count):
-        low_x, low_y = min(low_x, whole[i, 0]), min(low_y, whole[i, 1])
+        low_x, low_y = min(low_x, steps[i, 0]), min(low_y, steps[i, 1])
     for i in range(count):
-        top = max(top, whole[i, 0] - low_x, whole[i, 1] - low_y)
+        top = max(top, steps[i, 0] - low_x, steps[i, 1] - low_y)
     shift, levels = 0, 16
     while (top >> shift) >= (1 << levels):
         shift += 1
     for i in range(count):
-        x, y, position, turn = (whole[i, 0] - low_x) >> shift, (whole[i, 1] - low_y) >> shift, 0, 0
+        x, y, position, turn = (steps[i, 0] - low_x) >> shift, (steps[i, 1] - low_y) >> shift, 0, 0
         for level in range(levels - CURVE_BITS, -1, -CURVE_BITS):
             at = HILBERT[turn, (x >> level) & (CURVE_SIDE - 1), (y >> level) & (CURVE_SIDE - 1)]
             position, turn = position << 2 * CURVE_BITS | at >> 2, at & 3
@@ -177,18 +177,18 @@ def hilbert_kernel(whole: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 @inlined_kernel
-def orientation(whole: NDArray[np.int64], a: int, b: int, x: int, y: int) -> Any:
+def orientation(steps: NDArray[np.int64], a: int, b: int, x: int, y: int) -> Any:
     """Positive when (x, y) lies left of the line from a to b; exact."""
-    return (whole[b, 0] - whole[a, 0]) * (y - whole[a, 1]) - (whole[b, 1] - whole[a, 1]) * (x - whole[a, 0])
+    return (steps[b, 0] - steps[a, 0]) * (y - steps[a, 1]) - (steps[b, 1] - steps[a, 1]) * (x - steps[a, 0])
 
 
 @inlined_kernel
-def in_circle(whole: NDArray[np.int64], a: int, b: int, c: int, p: int) -> Any:
+def in_circle(steps: NDArray[np.int64], a: int, b: int, c: int, p: int) -> Any:
     """True if p lies strictly inside the circle through a, b, c (counter-clockwise); exact up to 50 km."""
-    x, y = whole[p, 0], whole[p, 1]
-    ax, ay = whole[a, 0] - x, whole[a, 1] - y
-    bx, by = whole[b, 0] - x, whole[b, 1] - y
-    cx, cy = whole[c, 0] - x, whole[c, 1] - y
+    x, y = steps[p, 0], steps[p, 1]
+    ax, ay = steps[a, 0] - x, steps[a, 1] - y
+    bx, by = steps[b, 0] - x, steps[b, 1] - y
+    cx, cy = steps[c, 0] - x, steps[c, 1] - y
     ma, mb, mc = bx * cy - cx * by, cx * ay - ax * cy, ax * by - bx * ay
     la, lb, lc = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
     largest = la | lb | lc
@@ -230,17 +230,17 @@ def sum_is_positive(la: int, lb: int, lc: int, ma: int, mb: int, mc: int) -> boo
 
 
 @kernel
-def first_triangle_kernel(whole: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[int, int, int]:
+def first_triangle_kernel(steps: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[int, int, int]:
     """Three of the points off one line, counter-clockwise; the last is -1 when there are none."""
     a = numbers[0]
     b = -1
     for i in range(1, len(numbers)):
         p = numbers[i]
         if b < 0:
-            if whole[p, 0] != whole[a, 0] or whole[p, 1] != whole[a, 1]:
+            if steps[p, 0] != steps[a, 0] or steps[p, 1] != steps[a, 1]:
                 b = p
             continue
-        turn = orientation(whole, a, b, whole[p, 0], whole[p, 1])
+        turn = orientation(steps, a, b, steps[p, 0], steps[p, 1])
         if turn > 0:
             return a, b, p
         if turn < 0:
@@ -249,7 +249,7 @@ def first_triangle_kernel(whole: NDArray[np.int64], numbers: NDArray[np.int64]) 
 
 
 @inlined_kernel
-def walk(whole: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x: int, y: int) -> Any:
+def walk(steps: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x: int, y: int) -> Any:
     """The triangle that holds (x, y), or the hull triangle whose edge it lies beyond; walks from `start`."""
     here = start
     for k in range(3):
@@ -261,8 +261,8 @@ def walk(whole: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x
         a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
             break
-        ax, ay, bx, by = whole[a, 0] - x, whole[a, 1] - y, whole[b, 0] - x, whole[b, 1] - y
-        cx, cy = whole[c, 0] - x, whole[c, 1] - y
+        ax, ay, bx, by = steps[a, 0] - x, steps[a, 1] - y, steps[b, 0] - x, steps[b, 1] - y
+        cx, cy = steps[c, 0] - x, steps[c, 1] - y
         onward = OUTSIDE
         if bx * cy < by * cx and neighbours[here, 0] != came:
             onward = neighbours[here, 0]
@@ -277,26 +277,26 @@ def walk(whole: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x
 
 
 @inlined_kernel
-def conflicts(whole: NDArray[np.int64], vertices: Ids, triangle: int, p: int) -> Any:
+def conflicts(steps: NDArray[np.int64], vertices: Ids, triangle: int, p: int) -> Any:
     """True if inserting p destroys the triangle."""
     a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
     if a != OUTSIDE and b != OUTSIDE and c != OUTSIDE:
-        return in_circle(whole, a, b, c, p)
+        return in_circle(steps, a, b, c, p)
     if a == OUTSIDE:
         a, b = b, c
     elif b == OUTSIDE:
         a, b = c, a
-    turn = orientation(whole, a, b, whole[p, 0], whole[p, 1])
+    turn = orientation(steps, a, b, steps[p, 0], steps[p, 1])
     if turn != 0:
         return turn > 0
-    along = (whole[p, 0] - whole[a, 0]) * (whole[b, 0] - whole[p, 0])
-    along += (whole[p, 1] - whole[a, 1]) * (whole[b, 1] - whole[p, 1])
+    along = (steps[p, 0] - steps[a, 0]) * (steps[b, 0] - steps[p, 0])
+    along += (steps[p, 1] - steps[a, 1]) * (steps[b, 1] - steps[p, 1])
     return along > 0
 
 
 @kernel
 def insert_kernel(
-    whole: NDArray[np.int64],
+    steps: NDArray[np.int64],
     numbers: NDArray[np.int64],
     vertices: Ids,
     neighbours: Ids,
@@ -316,33 +316,33 @@ def insert_kernel(
     rim_outer, rim_side = np.empty_like(cavity), np.empty_like(cavity)
     here = 0
     for p in numbers:
-        here = walk(whole, vertices, neighbours, here, whole[p, 0], whole[p, 1])
-        known = False
+        here = walk(steps, vertices, neighbours, here, steps[p, 0], steps[p, 1])
+        duplicate = False
         for k in range(3):
             v = vertices[here, k]
-            if v != OUTSIDE and whole[v, 0] == whole[p, 0] and whole[v, 1] == whole[p, 1]:
-                known = True
-        if known:
+            if v != OUTSIDE and steps[v, 0] == steps[p, 0] and steps[v, 1] == steps[p, 1]:
+                duplicate = True
+        if duplicate:
             continue
-        cavity[0], size, rim, done = here, 1, 0, 0
+        cavity[0], size, rim, cursor = here, 1, 0, 0
         state[here] = 1
-        while done < size:
-            inside = cavity[done]
-            done += 1
+        while cursor < size:
+            inside = cavity[cursor]
+            cursor += 1
             for k in range(3):
-                other = neighbours[inside, k]
-                if state[other] == 1:
+                neighbour = neighbours[inside, k]
+                if state[neighbour] == 1:
                     continue
-                if conflicts(whole, vertices, other, p):
-                    state[other] = 1
-                    cavity[size] = other
+                if conflicts(steps, vertices, neighbour, p):
+                    state[neighbour] = 1
+                    cavity[size] = neighbour
                     size += 1
                     continue
                 rim_from[rim] = vertices[inside, (k + 1) % 3]
                 rim_to[rim] = vertices[inside, (k + 2) % 3]
-                rim_outer[rim] = other
+                rim_outer[rim] = neighbour
                 for j in range(3):
-                    if neighbours[other, j] == inside:
+                    if neighbours[neighbour, j] == inside:
                         rim_side[rim] = j
                 rim += 1
         for i in range(rim):
@@ -365,13 +365,13 @@ def insert_kernel(
 
 @kernel
 def locate_kernel(
-    whole: NDArray[np.int64], targets: NDArray[np.int64], vertices: Ids, neighbours: Ids, hint: Ids
+    steps: NDArray[np.int64], targets: NDArray[np.int64], vertices: Ids, neighbours: Ids, hint: Ids
 ) -> Ids:
     """The triangle of each target (N, 2); `hint` (N,) starts each search and receives its end."""
     last = 0
     for i in range(len(targets)):
         start = hint[i] if hint[i] >= 0 else last
-        last = walk(whole, vertices, neighbours, start, targets[i, 0], targets[i, 1])
+        last = walk(steps, vertices, neighbours, start, targets[i, 0], targets[i, 1])
         hint[i] = last
     return hint
 
@@ -379,7 +379,7 @@ def locate_kernel(
 @kernel
 def linear_kernel(xy: Points, heights: Values, vertices: Ids, triangle: Ids, targets: Points) -> Values:
     """Height (N,) of the facet at each target, NaN in hull triangles."""
-    found = np.full(len(targets), np.nan)
+    values = np.full(len(targets), np.nan)
     for i in range(len(targets)):
         a, b, c = vertices[triangle[i], 0], vertices[triangle[i], 1], vertices[triangle[i], 2]
         if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
@@ -389,11 +389,11 @@ def linear_kernel(xy: Points, heights: Values, vertices: Ids, triangle: Ids, tar
         wx, wy = targets[i, 0] - xy[a, 0], targets[i, 1] - xy[a, 1]
         area = ux * vy - uy * vx
         if area == 0.0:  # three points whose turn is below the precision of a double
-            found[i] = heights[a]
+            values[i] = heights[a]
             continue
         s, t = (wx * vy - wy * vx) / area, (ux * wy - uy * wx) / area
-        found[i] = heights[a] + s * (heights[b] - heights[a]) + t * (heights[c] - heights[a])
-    return found
+        values[i] = heights[a] + s * (heights[b] - heights[a]) + t * (heights[c] - heights[a])
+    return values
 
 
 def areas_and_radii(xy: NDArray[np.float64], triangles: NDArray[Any]) -> tuple[Values, Values]:

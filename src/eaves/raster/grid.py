@@ -77,8 +77,8 @@ def extreme_kernel(
         column = int(np.floor((xyz[i, 0] - west) / cell))
         if row < 0 or row >= rows or column < 0 or column >= columns:
             continue
-        held = best[row, column]
-        if held < 0 or sign * xyz[i, 2] > sign * xyz[held, 2]:
+        rival = best[row, column]
+        if rival < 0 or sign * xyz[i, 2] > sign * xyz[rival, 2]:
             best[row, column] = i
     return best
 

@@ -25,19 +25,19 @@ def steps_within(reach: int) -> tuple[Step, ...]:
 
 
 def neighbour_pairs(
-    mask: Mask, some: Mask | None = None, steps: tuple[Step, ...] = ONWARD
+    mask: Mask, subset: Mask | None = None, steps: tuple[Step, ...] = ONWARD
 ) -> tuple[Integers, Integers]:
     """Flat numbers of all pairs of cells a step apart that are both set in `mask` (H, W), and at least one of
-    them in `some` (H, W) where that is given."""
+    them in `subset` (H, W) where that is given."""
     pairs = []
     for step in steps:
         a, b = shifted(mask.shape, step)
-        both = mask[a] & mask[b]
-        if some is not None:
-            both &= some[a] | some[b]
-        pairs.append(numbers_in(both, step, mask.shape))
-    one, two = zip(*pairs, strict=True)
-    return np.concatenate(one), np.concatenate(two)
+        linked = mask[a] & mask[b]
+        if subset is not None:
+            linked &= subset[a] | subset[b]
+        pairs.append(numbers_in(linked, step, mask.shape))
+    first, second = zip(*pairs, strict=True)
+    return np.concatenate(first), np.concatenate(second)
 
 
 def shifted(shape: tuple[int, ...], step: Step) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
@@ -49,21 +49,21 @@ def shifted(shape: tuple[int, ...], step: Step) -> tuple[tuple[slice, slice], tu
     )
 
 
-def numbers_in(both: Mask, step: Step, shape: tuple[int, ...]) -> tuple[Integers, Integers]:
+def numbers_in(linked: Mask, step: Step, shape: tuple[int, ...]) -> tuple[Integers, Integers]:
     """Flat numbers in a raster of a shape (H, W) of the cells set among those of `shifted`, and of those that
     the step leads to."""
-    row, column = np.nonzero(both)
+    row, column = np.nonzero(linked)
     here = row * shape[1] + column + max(0, -step[1])
     return here, here + step[0] * shape[1] + step[1]
 
 
-def group_cells(mask: Mask, one: Integers, two: Integers) -> tuple[Labels, int]:
+def group_cells(mask: Mask, first: Integers, second: Integers) -> tuple[Labels, int]:
     """Numbers (H, W) of the groups of cells of a mask that pairs (K,) of them join, 0 elsewhere, in the order
     of their first cells; how many there are."""
     cells = np.flatnonzero(mask)
     place = np.zeros(mask.size, np.int64)
     place[cells] = np.arange(len(cells))
-    group = connected_groups_kernel(place[one], place[two], len(cells))
+    group = connected_groups_kernel(place[first], place[second], len(cells))
     label = np.zeros(mask.shape, np.int32)
     label.ravel()[cells] = group + 1
     return label, int(group.max(initial=-1)) + 1

@@ -16,14 +16,14 @@ SHORT_GAP = 2  # cells; a gap in a row or column of cells that needs no triangle
 
 def fill_nearest(raster: Raster, within: float = np.inf) -> Raster:
     """Empty cells take the value of the nearest filled cell, if it is at most `within` (m) away."""
-    known = np.isfinite(raster.values)
-    if known.all() or not known.any():
+    finite = np.isfinite(raster.values)
+    if finite.all() or not finite.any():
         return raster
-    rows, columns = np.nonzero(~known)
-    row, column = nearest_cells(known, rows, columns)
-    near = np.hypot(row - rows, column - columns) * raster.cell <= within
+    rows, columns = np.nonzero(~finite)
+    row, column = nearest_cells(finite, rows, columns)
+    reachable = np.hypot(row - rows, column - columns) * raster.cell <= within
     values = raster.values.copy()
-    values[rows[near], columns[near]] = raster.values[row[near], column[near]]
+    values[rows[reachable], columns[reachable]] = raster.values[row[reachable], column[reachable]]
     return raster.with_(values=values)
 
 
@@ -37,31 +37,33 @@ def fill_linear(raster: Raster) -> Raster:
 def fill_between(raster: Raster) -> Raster:
     """Empty cells take the height of the Delaunay triangle of filled cells they lie in, or the nearest
     outside the hull: for thin scans, whose gaps are mostly short."""
-    known = np.isfinite(raster.values)
-    if known.all() or not known.any():
+    finite = np.isfinite(raster.values)
+    if finite.all() or not finite.any():
         return raster
-    rim = known & near_cells(~known, ADJOINING)
-    return raster.with_(values=interpolate_cells(raster.values, rim, ~known))
+    rim = finite & near_cells(~finite, ADJOINING)
+    return raster.with_(values=interpolate_cells(raster.values, rim, ~finite))
 
 
 def fill_linear_twice(raster: Raster, richer: Raster) -> tuple[Raster, Raster]:
     """A raster and a richer one, in which more of the same cells are filled or their values are others, both
     filled as `fill_linear` does: the cells that only the second has join the triangles of the first.
     """
-    raster, richer = (one.with_(values=short_gaps_kernel(one.values, SHORT_GAP)) for one in (raster, richer))
-    known, more = np.isfinite(raster.values), np.isfinite(richer.values)
-    if known.all() or not known.any() or more.all():
+    raster, richer = (
+        source.with_(values=short_gaps_kernel(source.values, SHORT_GAP)) for source in (raster, richer)
+    )
+    finite, more = np.isfinite(raster.values), np.isfinite(richer.values)
+    if finite.all() or not finite.any() or more.all():
         return fill_between(raster), fill_between(richer)
-    rim, second_rim = (cells & near_cells(~cells, ADJOINING) for cells in (known, more))
-    rows, columns = np.concatenate([np.nonzero(rim), np.nonzero(second_rim & ~known)], axis=1)
+    rim, second_rim = (cells & near_cells(~cells, ADJOINING) for cells in (finite, more))
+    rows, columns = np.concatenate([np.nonzero(rim), np.nonzero(second_rim & ~finite)], axis=1)
     count = np.count_nonzero(rim)
     tin = Tin(places(rows, columns), np.arange(count))
 
-    def filled(one: Raster, around: Mask, wanted: Mask) -> Raster:
-        heights = one.values[rows, columns].astype(np.float64)
-        return one.with_(values=interpolate_in(tin, heights, one.values, around, wanted))
+    def filled(source: Raster, around: Mask, target: Mask) -> Raster:
+        heights = source.values[rows, columns].astype(np.float64)
+        return source.with_(values=interpolate_in(tin, heights, source.values, around, target))
 
-    first = filled(raster, rim, ~known)
+    first = filled(raster, rim, ~finite)
     tin.insert(np.arange(count, len(rows)))
     return first, filled(richer, second_rim, ~more)
 
@@ -110,35 +112,35 @@ def short_gaps_kernel(values: Grid, most: int) -> Grid:
     return filled
 
 
-def interpolate_cells(values: Grid, known: Mask, wanted: Mask) -> Grid:
+def interpolate_cells(values: Grid, finite: Mask, target: Mask) -> Grid:
     """Values (H, W), those of the wanted cells (H, W) linear between the known cells (H, W)."""
-    known_rows, known_columns = np.nonzero(known)
+    known_rows, known_columns = np.nonzero(finite)
     heights = values[known_rows, known_columns].astype(np.float64)
-    return interpolate_in(Tin(places(known_rows, known_columns)), heights, values, known, wanted)
+    return interpolate_in(Tin(places(known_rows, known_columns)), heights, values, finite, target)
 
 
-def interpolate_in(tin: Tin, heights: Values, values: Grid, known: Mask, wanted: Mask) -> Grid:
+def interpolate_in(tin: Tin, heights: Values, values: Grid, finite: Mask, target: Mask) -> Grid:
     """Values (H, W), those of the wanted cells (H, W) from a TIN of cells with heights (N,); beyond its hull
     from the nearest known cell (H, W)."""
     filled = values.astype(np.float32)
-    outside = wanted
+    outside = target
     if len(tin.vertices):
         outside = facets_kernel(
-            filled, wanted, tin.xy, heights, tin.whole, tin.corner, tin.vertices, tin.neighbours
+            filled, target, tin.xy, heights, tin.whole, tin.corner, tin.vertices, tin.neighbours
         )
     rows, columns = np.nonzero(outside)
     if len(rows):
-        filled[rows, columns] = values[nearest_cells(known, rows, columns)]
+        filled[rows, columns] = values[nearest_cells(finite, rows, columns)]
     return filled
 
 
 @kernel
 def facets_kernel(
     filled: Grid,
-    wanted: Mask,
+    target: Mask,
     xy: Points,
     heights: Values,
-    whole: Integers,
+    steps: Integers,
     corner: Values,
     vertices: Ids,
     neighbours: Ids,
@@ -147,17 +149,17 @@ def facets_kernel(
 
     The points of the TIN are those of `places`.
     """
-    rows, columns = wanted.shape
+    rows, columns = target.shape
     outside = np.zeros((rows, columns), np.bool_)
     here = 0
     for row in range(rows):
         y = -float(row)
-        whole_y = int(np.rint((y - corner[1]) / GRID_STEP))
+        steps_y = int(np.rint((y - corner[1]) / GRID_STEP))
         for column in range(columns):
-            if not wanted[row, column]:
+            if not target[row, column]:
                 continue
             x = float(column)
-            here = walk(whole, vertices, neighbours, here, int(np.rint((x - corner[0]) / GRID_STEP)), whole_y)
+            here = walk(steps, vertices, neighbours, here, int(np.rint((x - corner[0]) / GRID_STEP)), steps_y)
             a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
             if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
                 outside[row, column] = True
@@ -176,12 +178,12 @@ def fill_smooth(values: Grid) -> Grid:
 
     Means of 2 by 2 cells, and of those, until none is empty; then each level fills the finer one bilinearly.
     """
-    known = np.isfinite(values)
-    if known.all() or not known.any():
+    finite = np.isfinite(values)
+    if finite.all() or not finite.any():
         return values
     coarse = fill_smooth(halve(values))
     fine = ndimage.zoom(coarse, 2, order=1, mode="nearest", grid_mode=True)
-    return np.where(known, values, fine[: values.shape[0], : values.shape[1]]).astype(np.float32)
+    return np.where(finite, values, fine[: values.shape[0], : values.shape[1]]).astype(np.float32)
 
 
 def halve(values: Grid) -> Grid:
@@ -189,7 +191,7 @@ def halve(values: Grid) -> Grid:
     rows, columns = values.shape
     even = np.full((rows + rows % 2, columns + columns % 2), np.nan, np.float32)
     even[:rows, :columns] = values
-    known = np.isfinite(even)
-    total = np.where(known, even, 0.0).reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
-    count = known.reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
+    finite = np.isfinite(even)
+    total = np.where(finite, even, 0.0).reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
+    count = finite.reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)

@@ -15,20 +15,20 @@ ADJOINING = 2
 """Square of the distance of two cells that touch at a corner."""
 
 
-def nearest_cells(known: Mask, rows: Integers, columns: Integers) -> tuple[Integers, Integers]:
-    """Row and column (K,) of the cell of `known` (H, W) nearest to each of the cells (K,) given by row and
+def nearest_cells(occupied: Mask, rows: Integers, columns: Integers) -> tuple[Integers, Integers]:
+    """Row and column (K,) of the cell of `occupied` (H, W) nearest to each of the cells (K,) given by row and
     column, whose rows do not fall; at least one is known.
 
     Of cells equally near it is the one in the westernmost column, of two in a column the northern one.
     """
-    row, column = nearest_kernel(known, away_kernel(known), rows, columns)
+    row, column = nearest_kernel(occupied, away_kernel(occupied), rows, columns)
     return row, column
 
 
-def near_cells(known: Mask, square: int) -> Mask:
-    """The cells (H, W) with one of `known` (H, W) no farther than the root of `square`, in cells."""
+def near_cells(occupied: Mask, square: int) -> Mask:
+    """The cells (H, W) with one of `occupied` (H, W) no farther than the root of `square`, in cells."""
     steps = np.arange(int(np.sqrt(square)) + 1)
-    return np.asarray(near_kernel(away_kernel(known), np.sqrt(square - steps**2).astype(np.int32)))
+    return np.asarray(near_kernel(away_kernel(occupied), np.sqrt(square - steps**2).astype(np.int32)))
 
 
 def places(rows: Integers, columns: Integers) -> Points:
@@ -37,13 +37,13 @@ def places(rows: Integers, columns: Integers) -> Points:
 
 
 @kernel
-def away_kernel(known: Mask) -> NDArray[np.int32]:
+def away_kernel(occupied: Mask) -> NDArray[np.int32]:
     """Rows (H, W) between each cell and the nearest known one in its column, up or down."""
-    rows, columns = known.shape
+    rows, columns = occupied.shape
     away = np.full((rows, columns), FARTHEST_CELLS, np.int32)
     for row in range(rows):
         for column in range(columns):
-            if known[row, column]:
+            if occupied[row, column]:
                 away[row, column] = 0
             elif row > 0:
                 away[row, column] = away[row - 1, column] + 1
@@ -55,7 +55,7 @@ def away_kernel(known: Mask) -> NDArray[np.int32]:
 
 @kernel
 def nearest_kernel(
-    known: Mask, away: NDArray[np.int32], rows: Integers, columns: Integers
+    occupied: Mask, away: NDArray[np.int32], rows: Integers, columns: Integers
 ) -> tuple[Integers, Integers]:
     """Row and column (K,) of the known cell nearest to each of some cells (K,), whose rows do not fall.
 
@@ -63,7 +63,7 @@ def nearest_kernel(
     parabolas along a row; `envelope` holds those of their lower envelope, from west to east, and `first` the
     column from which each is the least (Felzenszwalb and Huttenlocher 2012).
     """
-    width = known.shape[1]
+    width = occupied.shape[1]
     nearest_row, nearest_column = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
     envelope, first, last_row, count = np.empty(width, np.int64), np.empty(width, np.int64), -1, 0
     for i in range(len(rows)):
@@ -96,7 +96,7 @@ def nearest_kernel(
                 high = middle - 1
         column = envelope[low]
         above = row - away[row, column]
-        nearest_row[i] = above if above >= 0 and known[above, column] else row + away[row, column]
+        nearest_row[i] = above if above >= 0 and occupied[above, column] else row + away[row, column]
         nearest_column[i] = column
     return nearest_row, nearest_column
 
@@ -105,14 +105,14 @@ def nearest_kernel(
 def near_kernel(away: NDArray[np.int32], most: NDArray[np.int32]) -> Mask:
     """Cells (H, W) that are `away` from a known one, in a column so many steps aside, by at most `most`."""
     rows, columns = away.shape
-    near = np.zeros((rows, columns), np.bool_)
+    mask = np.zeros((rows, columns), np.bool_)
     for row in range(rows):
-        here, found = away[row], near[row]
+        here, line = away[row], mask[row]
         for step in range(min(len(most), columns)):
-            limit, rest = most[step], columns - step
-            aside, left = here[step:], found[step:]
-            for column in range(rest):
-                found[column] |= aside[column] <= limit
-            for column in range(rest):
-                left[column] |= here[column] <= limit
-    return near
+            limit, span = most[step], columns - step
+            aside, line_aside = here[step:], line[step:]
+            for column in range(span):
+                line[column] |= aside[column] <= limit
+            for column in range(span):
+                line_aside[column] |= here[column] <= limit
+    return mask

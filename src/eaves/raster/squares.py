@@ -35,9 +35,9 @@ def closed_by_square(mask: Mask, size: int) -> Mask:
 def any_near(mask: Mask, first: int, last: int) -> Mask:
     """Mask (H, W) of the cells that have a set cell of a mask `first` to `last` rows, and columns, away."""
     for axis in (0, 1):
-        found = np.zeros(mask.shape, bool)
-        line, there = np.moveaxis(found, axis, 0), np.moveaxis(mask, axis, 0)
+        grown = np.zeros(mask.shape, bool)
+        line, source = np.moveaxis(grown, axis, 0), np.moveaxis(mask, axis, 0)
         for step in range(max(first, -len(line)), min(last, len(line)) + 1):
-            line[max(0, -step) : len(line) - max(0, step)] |= there[max(0, step) : len(line) + min(0, step)]
-        mask = found
+            line[max(0, -step) : len(line) - max(0, step)] |= source[max(0, step) : len(line) + min(0, step)]
+        mask = grown
     return mask

@@ -186,7 +186,7 @@ def two_scenes(
 ) -> tuple[Scene, Scene]:
     """The scene of `scene_of`, and that of the same points in other classes, of which more are ground; the
     surface is that of the first."""
-    means = (mean_terrain(one, bounds, cell, beneath) for one in (cloud, other))
+    means = (mean_terrain(points, bounds, cell, beneath) for points in (cloud, other))
     dtm, richer = fill_linear_twice(*means)
     scene = scene_over(dtm, cloud, bounds)
     return scene, replace(scene, cloud=other, dtm=richer, height=cloud.xyz[:, 2] - richer.at(cloud.xyz))

@@ -84,10 +84,10 @@ def read_basemap(path: str | Path, system: CoordinateSystem, bounds: Bounds) -> 
                 pixels = min(PIXELS, max(1, round(longest / cell)))
                 while True:
                     shape = image_shape(sides, pixels)
-                    colours, known = warped(image, wkt, sides, shape)
-                    if not known.any():
+                    colours, valid = warped(image, wkt, sides, shape)
+                    if not valid.any():
                         refuse_elsewhere(path, (0.0, 0.0, 0.0, 0.0), sides, system)
-                    jpeg = as_jpeg(np.where(known, colours, np.uint8(BEYOND)))
+                    jpeg = as_jpeg(np.where(valid, colours, np.uint8(BEYOND)))
                     if len(jpeg) <= BYTES or pixels <= 64:
                         return Basemap(jpeg, shape[1], shape[0], bounds, path.name)
                     pixels = int(pixels * min(0.9, 0.97 * np.sqrt(BYTES / len(jpeg))))
@@ -114,8 +114,8 @@ def fit_web_mercator(
     if not np.isfinite(world).all():
         return None
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    found = np.linalg.lstsq(terms, 0.5 + world * [1.0, -1.0], rcond=None)[0]
-    return list((found.T / reach ** np.array([0, 1, 1, 2, 2, 2])).tolist())
+    solution = np.linalg.lstsq(terms, 0.5 + world * [1.0, -1.0], rcond=None)[0]
+    return list((solution.T / reach ** np.array([0, 1, 1, 2, 2, 2])).tolist())
 
 
 def image_shape(sides: tuple[float, ...], pixels: int) -> tuple[int, int]:
@@ -132,10 +132,10 @@ def refuse_elsewhere(
     west, south, east, north = covered
     if west < sides[2] and sides[0] < east and south < sides[3] and sides[1] < north:
         return
-    shown, wanted = (",".join(f"{side:.0f}" for side in rectangle) for rectangle in (covered, sides))
+    shown, extent = (",".join(f"{side:.0f}" for side in rectangle) for rectangle in (covered, sides))
     raise InputError.about(
         path,
-        f"shows nothing of the run: {shown} in {describe_system(system)}, which lies in {wanted}",
+        f"shows nothing of the run: {shown} in {describe_system(system)}, which lies in {extent}",
         "give an image of the place",
     )
 
@@ -151,7 +151,7 @@ def warped(
     grid: dict[str, Any] = {"transform": transform, "width": columns, "height": rows}
     alpha = image.nodata is None and ColorInterp.alpha not in image.colorinterp
     with WarpedVRT(image, crs=wkt, resampling=way, add_alpha=alpha, **grid) as view:
-        known = np.asarray(view.dataset_mask() > 0)
+        covered = np.asarray(view.dataset_mask() > 0)
         bands = view.read([1, 2, 3] if image.count >= 3 else [1])
     if paletted:
         table = np.full((256, 3), BEYOND, np.uint8)
@@ -159,10 +159,10 @@ def warped(
             table[number] = colour[:3]
         bands = np.moveaxis(table[bands[0]], -1, 0)
     if bands.dtype != np.uint8:
-        low, high = np.percentile(bands[:, known], CUT) if known.any() else (0.0, 1.0)
+        low, high = np.percentile(bands[:, covered], CUT) if covered.any() else (0.0, 1.0)
         share = (bands.astype(np.float64) - low) / max(float(high - low), 1e-9)
         bands = np.round(255 * np.clip(np.nan_to_num(share), 0.0, 1.0)).astype(np.uint8)
-    return np.broadcast_to(bands, (3, *shape)), known
+    return np.broadcast_to(bands, (3, *shape)), covered
 
 
 def as_jpeg(colours: NDArray[np.uint8]) -> bytes:

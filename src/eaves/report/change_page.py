@@ -47,7 +47,7 @@ def write_change_page(comparison: Comparison, folder: Path) -> Path:
 def iter_change_page(comparison: Comparison, folder: Path) -> Iterator[str]:
     """The page piece by piece. A triangle or point names the row of its change and its epoch, 1 or 2."""
     changes = worst_first(comparison.changes)
-    drawn, others = changes[: BUILDINGS_SHOWN // 2], changes[BUILDINGS_SHOWN // 2 :]
+    drawn, listed = changes[: BUILDINGS_SHOWN // 2], changes[BUILDINGS_SHOWN // 2 :]
     epochs = comparison.old, comparison.new
     places = [{name: place for place, one in enumerate(drawn, 1) for name in one.old_ids}]
     places += [{name: place for place, one in enumerate(drawn, 1) for name in one.new_ids}]
@@ -61,7 +61,7 @@ def iter_change_page(comparison: Comparison, folder: Path) -> Iterator[str]:
         old,
         folder=folder,
         rows=[one.row for one in drawn],
-        others=[one.row for one in others],
+        others=[one.row for one in listed],
         buildings=len(changes),
         run={name: about[name] for name in about if name != "buildings"},
     )
@@ -76,7 +76,7 @@ def iter_change_page(comparison: Comparison, folder: Path) -> Iterator[str]:
         arrays[f"{kind}_epoch"] = np.repeat(np.array([1, 2], np.uint8), counts)
     titles = {name: COLUMNS[name].label for name in SHOWN}
     text = as_text(comparison)
-    words = {
+    labels = {
         "title": f"Changes: {names[0]}, {names[1]}",
         "headline": text.split("\n")[0],
         "shown": " | ".join(
@@ -85,7 +85,7 @@ def iter_change_page(comparison: Comparison, folder: Path) -> Iterator[str]:
         ),
     }
     data = page_data(page, titles) | {"epochs": names, "modelled": False, "terrain": terrain}
-    yield from iter_page(page, text, words, data, arrays.items())
+    yield from iter_page(page, text, labels, data, arrays.items())
 
 
 def worst_first(changes: tuple[BuildingChange, ...]) -> list[BuildingChange]:
@@ -93,10 +93,10 @@ def worst_first(changes: tuple[BuildingChange, ...]) -> list[BuildingChange]:
     middle."""
     if not changes:
         return []
-    centres = shapely.get_coordinates(shapely.centroid([one.polygon for one in changes]))
-    changed = np.array([one.verdict.change != UNCHANGED for one in changes])
+    centres = shapely.get_coordinates(shapely.centroid([change.polygon for change in changes]))
+    changed = np.array([change.verdict.change != UNCHANGED for change in changes])
     away = np.hypot(*(centres - np.median(centres[changed] if changed.any() else centres, axis=0)).T)
-    rank = np.where(changed, [-abs(one.verdict.volume_m3) for one in changes], away)
+    rank = np.where(changed, [-abs(change.verdict.volume_m3) for change in changes], away)
     return [changes[place] for place in np.lexsort((rank, ~changed))]
 
 
@@ -119,28 +119,36 @@ def epoch_arrays(
 
 
 def common_terrain(
-    both: tuple[Contents, Contents], epochs: tuple[Epoch, Epoch], frame: Points
+    contents_pair: tuple[Contents, Contents], epochs: tuple[Epoch, Epoch], frame: Points
 ) -> tuple[dict[str, Any], NDArray[np.int32]]:
     """One grid over the terrains of both epochs as the page describes it, and the heights of each on it."""
-    own = [
-        one.terrain.with_(west=one.terrain.west + one.origin[0], north=one.terrain.north + one.origin[1])
-        for one in both
+    rasters = [
+        contents.terrain.with_(
+            west=contents.terrain.west + contents.origin[0], north=contents.terrain.north + contents.origin[1]
+        )
+        for contents in contents_pair
     ]
     areas = [
-        epoch.moved(raster.bounds, 0) for epoch, raster in zip(epochs, own, strict=True) if raster.values.size
+        epoch.moved(raster.bounds, 0)
+        for epoch, raster in zip(epochs, rasters, strict=True)
+        if raster.values.size
     ]
     if not areas:
         return {"rows": 0, "columns": 0, "cell": 1.0, "west": 0.0, "north": 0.0}, np.zeros(0, np.int32)
     west, south = min(area.west for area in areas), min(area.south for area in areas)
     east, north = max(area.east for area in areas), max(area.north for area in areas)
-    cell = max(max(east - west, north - south) / TERRAIN_CELLS, min(one.cell for one in own))
+    cell = max(max(east - west, north - south) / TERRAIN_CELLS, min(raster.cell for raster in rasters))
     rows, columns = max(1, round((north - south) / cell)), max(1, round((east - west) / cell))
     y, x = np.mgrid[:rows, :columns] + 0.5
     places = np.column_stack([west + cell * x.ravel(), north - cell * y.ravel()])
     heights = np.full((2, rows * columns), np.nan)
-    for values, epoch, contents, raster in zip(heights, epochs, both, own, strict=True):
-        there = epoch.plane(places, 1)
-        inside = raster.bounds.contains(there) if raster.values.size else np.zeros(len(there), bool)
-        values[inside] = raster.at(there[inside]) + contents.base - frame[2]
+    for values, epoch, contents, raster in zip(heights, epochs, contents_pair, rasters, strict=True):
+        places_beside = epoch.plane(places, 1)
+        inside = (
+            raster.bounds.contains(places_beside)
+            if raster.values.size
+            else np.zeros(len(places_beside), bool)
+        )
+        values[inside] = raster.at(places_beside[inside]) + contents.base - frame[2]
     corner = {"west": west - frame[0], "north": north - frame[1]}
     return {"rows": rows, "columns": columns, "cell": cell, **corner}, terrain_array(heights)

@@ -105,23 +105,23 @@ def read_contents(
     folder = Path(folder)
     polygons, _, rows, system = read_polygons(folder / "footprints.gpkg", layer="footprints")
     system = system_of_folder(folder, named=False) or system
-    found = len(rows)
+    count = len(rows)
     if only is None:
         middle = None if around is None else place_of(around, rows, folder)
         shown = nearest_buildings(polygons, buildings, middle)
     else:
         shown = np.array([place for place, row in enumerate(rows) if str(row["id"]) in only], np.int64)
-    others = [rows[k] for k in sorted(set(range(found)).difference(shown.tolist()))]
+    undrawn = [rows[k] for k in sorted(set(range(count)).difference(shown.tolist()))]
     polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
-    window = drawn_window(polygons) if 0 < len(shown) < found else None
+    window = drawn_window(polygons) if 0 < len(shown) < count else None
     terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
     image = None if basemap is None else lay_image(folder, basemap, system, bounds)
     sample = sample_points(
         classified_files(folder), system, points, window, expected=points_of(rows), received=received
     )
     centre = middle_of(bounds, polygons, sample)
-    known = terrain[np.isfinite(terrain)]
-    heights = known if len(known) else sample.xyz[:, 2]
+    levels = terrain[np.isfinite(terrain)]
+    heights = levels if len(levels) else sample.xyz[:, 2]
     base = float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
     shift = np.array([*centre, base])
 
@@ -148,8 +148,8 @@ def read_contents(
         points=sample,
         distance=distances_to_roofs(sample, faces),
         terrain=Raster(terrain - np.float32(base), west - centre[0], north - centre[1], cell),
-        buildings=found,
-        others=others,
+        buildings=count,
+        others=undrawn,
         basemap=image,
         run=read_facts(folder),
     )
@@ -271,14 +271,14 @@ def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:
     distance, height = np.full(len(xyz), np.nan), np.full(len(xyz), -np.inf)
     for piece in in_pieces(roofs, ROOFS_AT_ONCE):
         (west, south), (east, north) = (side(piece.table.corners[:, :2], axis=0) for side in (np.min, np.max))
-        near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
-        fit = fit_roof(xyz[near], RoofFaces.of(piece.table))
-        found = z[near] - fit.vertical
-        higher = found > height[near]  # false where the piece has no face
-        height[near[higher]], distance[near[higher]] = found[higher], fit.distance[higher]
-    whole = np.full(len(sample), np.nan)
-    whole[measured] = distance
-    return whole
+        candidates = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
+        fit = fit_roof(xyz[candidates], RoofFaces.of(piece.table))
+        height_at = z[candidates] - fit.vertical
+        higher = height_at > height[candidates]  # false where the piece has no face
+        height[candidates[higher]], distance[candidates[higher]] = height_at[higher], fit.distance[higher]
+    distances = np.full(len(sample), np.nan)
+    distances[measured] = distance
+    return distances
 
 
 def finest_faces(faces: CityFaces) -> Mask:

@@ -1,21 +1,34 @@
-"""A run's results for notebooks: an HTML summary, GeoDataFrames, arrays, meshes."""
+"""Results for notebooks: an HTML summary, GeoDataFrames, arrays, meshes."""
 
 from __future__ import annotations
 
 import base64
 import html
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import shapely
 
+from eaves.figures.rows import building_row, world_polygon
 from eaves.formats import iter_cityjson, read_polygons
-from eaves.model import LOCAL_METRES
+from eaves.formats.crs import horizontal_crs
+from eaves.formats.models.meshes import mesh_of
+from eaves.formats.vectors.geopackage import read_details
+from eaves.model import (
+    LOCAL_METRES,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Footprint,
+)
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
-from eaves.report.convert import footprint_frame, required_library
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import collect_city_faces
 
@@ -70,7 +83,7 @@ class Results(Summary):
         picture = ""
         files = [self.folder / name for name in ("dsm.tif", "footprints.gpkg")]
         if find_spec("matplotlib") is not None and all(path.exists() for path in files):
-            from eaves.report.plots.plan import plan_figure
+            from eaves.report.plots.drawings import plan_figure
 
             buffer = io.BytesIO()
             plan_figure(self.folder, 5.0).savefig(buffer, format="png", dpi=100)
@@ -103,10 +116,10 @@ class Results(Summary):
         faces = collect_city_faces(models, {name: number for number, name in enumerate(ids)})
         finest, meshes = finest_faces(faces), {}
         for number, name in enumerate(ids):
-            own = faces.take(finest & (faces.building == number))
-            if not own:
+            building_faces = faces.take(finest & (faces.building == number))
+            if not building_faces:
                 continue
-            corners = own.table.corners[own.table.triangles()[0]]
+            corners = building_faces.table.corners[building_faces.table.triangles()[0]]
             origin = np.floor(corners.min(axis=(0, 1)))
             meshes[name] = trimesh.Trimesh(
                 np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),
@@ -115,3 +128,115 @@ class Results(Summary):
                 process=True,
             )
         return meshes
+
+
+Outlined = Footprint | BuildingModel | Failure
+EXTRA = "eaves[notebook]"
+
+
+def to_geopandas(
+    what: Summary | Outlined | Iterable[Outlined], system: CoordinateSystem = LOCAL_METRES
+) -> Any:
+    """Footprints, models, failures or a run's results as a table of outlines.
+
+    Parameters
+    ----------
+    what : Results, Footprint, BuildingModel, Failure, or several of the last three
+        Failures without an outline are left out.
+    system : CoordinateSystem
+        Reference system of what is no run; a run knows its own.
+
+    Returns
+    -------
+    geopandas.GeoDataFrame
+        One row a building, in the system's units, with its attributes.
+
+    Raises
+    ------
+    ImportError
+        When geopandas is not installed.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=1.0)
+    >>> len(eaves.to_geopandas([building.model() for building in truth.buildings]))
+    9
+    """
+    geopandas = required_library("geopandas", EXTRA)
+    if isinstance(what, Summary):
+        return footprint_frame(what.folder)
+    several = [what] if isinstance(what, Footprint | BuildingModel | Failure) else list(what)
+    rows, shapes = [], []
+    unit = system.horizontal_unit_m
+    for item in several:
+        outline = item if isinstance(item, Footprint) else item.footprint
+        if outline is None:
+            continue
+        about = (
+            {"id": item.id, "score": item.score, **item.attributes}
+            if isinstance(item, Footprint)
+            else building_row(item)
+        )
+        shapes.append(shapely.transform(world_polygon(outline), lambda xy: xy / unit))
+        rows.append(about)
+    return geopandas.GeoDataFrame(rows, geometry=shapes, crs=horizontal_crs(system))
+
+
+def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
+    """A layer of a run as a geopandas.GeoDataFrame, in the run's reference system; footprints
+    with all columns."""
+    read, path = required_library("geopandas", EXTRA).read_file, folder / "footprints.gpkg"
+    frame = read(path, layer=layer)
+    has_details = layer == "footprints" and bool(read_details(path))
+    return frame.merge(read(path, layer="attributes"), on="id", how="left") if has_details else frame
+
+
+def to_trimesh(model: BuildingModel) -> Any:
+    """The finest level of a model as a closed mesh, in metres about its footprint's origin.
+
+    Parameters
+    ----------
+    model : BuildingModel
+        With solids.
+
+    Returns
+    -------
+    trimesh.Trimesh
+        `metadata` has `id`, `lod` and `origin` (world metres).
+
+    Raises
+    ------
+    ImportError
+        When trimesh is not installed.
+    ValueError
+        When the model has no solids.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> eaves.to_trimesh(nine_roofs_on_a_slope(density=1.0).buildings[0].model()).is_watertight
+    True
+    """
+    trimesh = required_library("trimesh", EXTRA)
+    mesh = mesh_of(model)
+    if mesh is None:
+        raise ValueError("the model has no solids; a failure or a model at LoD 0 has no mesh")
+    about = {"id": model.footprint.id, "lod": model.lod, "origin": model.footprint.origin}
+    return trimesh.Trimesh(mesh.vertices, mesh.triangles, metadata=about, process=False)
+
+
+def required_library(name: str, remedy: str) -> Any:
+    """A library that is not needed elsewhere.
+
+    Raises
+    ------
+    ImportError
+        In one line with the remedy, when it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        raise ImportError(f"{name} is not installed; pip install '{remedy}'") from None

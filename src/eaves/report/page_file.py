@@ -100,9 +100,9 @@ def iter_page(
     lines = [line for line in text.split("\n") if line.endswith("to review")] or text.split("\n")
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
-    shown, found = len(contents.rows), contents.buildings
+    shown, total = len(contents.rows), contents.buildings
     levels = {0, *contents.faces.lod.tolist()}
-    heading = f"{found:,} buildings" if shown == found else f"{found:,} buildings, {shown:,} of them drawn"
+    heading = f"{total:,} buildings" if shown == total else f"{total:,} buildings, {shown:,} of them drawn"
     before, after = parts["page.html"].split("$data")
     said = dict(
         title=f"{title}buildings by eaves",
@@ -169,13 +169,13 @@ def say_shown(contents: Contents, which: str = "those nearest to the middle") ->
 def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str, Any]:
     """The data of the script besides the arrays: rows and names; `titles` are of the table's columns."""
     rows = [*contents.rows, *contents.others]
-    there = [name for name in titles if any(row.get(name) is not None for row in rows)]
-    numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}
+    filled = [name for name in titles if any(row.get(name) is not None for row in rows)]
+    numbers = {name for name in filled if any(isinstance(row.get(name), int | float) for row in rows)}
     terrain = contents.terrain
     return {
         "rows": contents.rows,
-        "others": pack_rows(contents.others, [*there, *CHARTED]),
-        "columns": [{"name": name, "title": titles[name], "number": name in numbers} for name in there],
+        "others": pack_rows(contents.others, [*filled, *CHARTED]),
+        "columns": [{"name": name, "title": titles[name], "number": name in numbers} for name in filled],
         "meanings": {name: [about.label, about.meaning] for name, about in MEANINGS.items()},
         "lods": LODS,
         "base": contents.base,
@@ -241,9 +241,9 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
         corners.append(as_millimetres(piece.table.corners[corner]))
         for name, values in figures.items():
             values.append(getattr(piece, name)[face].astype(KINDS[name]))
-    whole = np.concatenate(corners)
+    triangles = np.concatenate(corners)
     corners.clear()
-    yield "triangle_xyz", whole
+    yield "triangle_xyz", triangles
     yield "triangle_building", np.concatenate([np.zeros(0, np.uint32), *figures["building"]]) + np.uint32(1)
     for name in ("lod", "kind", "error"):
         yield f"triangle_{name}", np.concatenate([np.zeros(0, KINDS[name]), *figures[name]])
@@ -251,8 +251,8 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
 
 def as_millimetres(xyz: Points) -> NDArray[np.int32]:
     """Coordinates as whole millimetres."""
-    whole = np.clip(xyz * MILLIMETRES, -UNKNOWN_HEIGHT, UNKNOWN_HEIGHT)
-    return np.asarray(np.rint(whole, out=whole), np.int32)
+    scaled = np.clip(xyz * MILLIMETRES, -UNKNOWN_HEIGHT, UNKNOWN_HEIGHT)
+    return np.asarray(np.rint(scaled, out=scaled), np.int32)
 
 
 def packed_array(values: NDArray[Any]) -> dict[str, str]:

@@ -171,12 +171,12 @@ def sample_points(
     nothing = (np.zeros(0, dtype) for dtype in (np.uint8, *EXTRA.values()))
     pieces = [Sample(np.zeros((0, 3)), *nothing, total=0)]
     on_buildings = 0
-    whole = bounds is None and building is None
-    taken = received.pieces(crossing, thinning) if received is not None and whole else None
-    if received is not None and taken is not None:
+    unfiltered = bounds is None and building is None
+    batches = received.pieces(crossing, thinning) if received is not None and unfiltered else None
+    if received is not None and batches is not None:
         on_buildings, crossing = received.on_buildings, []
-        for layout, kept in zip(layouts, taken, strict=True):
-            pieces += [_decoded(records, layout, system, bounds) for records in kept]
+        for layout, batch in zip(layouts, batches, strict=True):
+            pieces += [_decoded(records, layout, system, bounds) for records in batch]
     for layout in crossing:
         for position, records in _records(layout, thinning.every):
             number = _extra(records, "building_id")
@@ -215,8 +215,8 @@ def _records(layout: LasHeader, every: int) -> Iterator[tuple[Integers, NDArray[
 
 
 def _extra(records: NDArray[np.void], name: str) -> NDArray[Any]:
-    known = name in (records.dtype.names or ())
-    return np.asarray(records[name], EXTRA[name]) if known else np.zeros(len(records), EXTRA[name])
+    present = name in (records.dtype.names or ())
+    return np.asarray(records[name], EXTRA[name]) if present else np.zeros(len(records), EXTRA[name])
 
 
 def scattered(position: Integers) -> Values:

@@ -89,21 +89,21 @@ def make_site(folder: str | Path, basemap: str | Path | None = None) -> TileSite
     """
     folder = Path(folder)
     system = system_of_folder(folder)
-    made = {}
+    pages = {}
     for place, names in VIEWER.items():
         for name in names:
             content = files("eaves.report").joinpath(place, name).read_bytes()
             packed = name.endswith(".gz")
-            made[name.removesuffix(".gz")] = gzip.decompress(content) if packed else content
+            pages[name.removesuffix(".gz")] = gzip.decompress(content) if packed else content
     system = make_tiles(folder, system)
-    made["about.json"] = as_bytes(about_run(folder, system))
+    pages["about.json"] = as_bytes(about_run(folder, system))
     heights, bounds = read_terrain(folder / "dtm.tif", system, None)
     image = None if basemap is None else lay_image(folder, basemap, system, bounds)
     if image is not None:
-        made[IMAGE] = image.jpeg
+        pages[IMAGE] = image.jpeg
     ground = describe_ground(heights, bounds, system)
-    made["ground.json"] = as_bytes(ground | {"image": IMAGE if image else ""})
-    return TileSite(folder, made)
+    pages["ground.json"] = as_bytes(ground | {"image": IMAGE if image else ""})
+    return TileSite(folder, pages)
 
 
 def as_bytes(value: Any) -> bytes:
@@ -119,13 +119,13 @@ def make_tiles(folder: Path, system: CoordinateSystem | None) -> CoordinateSyste
             return system or LOCAL_METRES
         raise InputError.about(folder, f"holds neither {models.name} nor {TILES}", "give the folder of a run")
     first = next(iter_cityjson(models), None)
-    known = system or (first.system if first else LOCAL_METRES)
+    tile_system = system or (first.system if first else LOCAL_METRES)
     if not tileset.exists() or tileset.stat().st_mtime < models.stat().st_mtime:
         solid = (model for model in read_models(models) if isinstance(model, BuildingModel))
         by_square = sorted(solid, key=lambda model: (model.footprint.origin, model.footprint.id))
-        write_3dtiles(tileset.parent, by_square, known)
+        write_3dtiles(tileset.parent, by_square, tile_system)
         add_to_manifest(folder, [tileset])
-    return known
+    return tile_system
 
 
 def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
@@ -133,10 +133,10 @@ def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
     run = read_facts(folder)
     names = [Path(entry["path"]).name for entry in run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}" if names else folder.name
-    found, modelled = run.get("found", 0), run.get("modelled", 0)
+    buildings, modelled = run.get("found", 0), run.get("modelled", 0)
     return {
         "title": f"{title}: buildings by eaves",
-        "headline": f"{found:,} buildings, {modelled:,} with a model; {describe_system(system)}",
+        "headline": f"{buildings:,} buildings, {modelled:,} with a model; {describe_system(system)}",
         "buildings": modelled,
         "columns": {name: [column.label, column.meaning] for name, column in COLUMNS.items()},
         "page": PAGE if (folder / PAGE).exists() else "",
@@ -148,17 +148,17 @@ def describe_ground(
 ) -> dict[str, Any]:
     """The terrain where the tiles have it: a grid of places, row 0 north, in millimetres from `centre`."""
     rows, columns = heights.shape
-    known = np.isfinite(heights)
-    if bounds is None or not known.any():
+    finite = np.isfinite(heights)
+    if bounds is None or not finite.any():
         return {"rows": 0, "columns": 0, "centre": [0, 0, 0], "xyz": packed_array(np.zeros(0, np.int32))}
     x = bounds.west + (np.arange(columns) + 0.5) * bounds.width / columns
     y = bounds.north - (np.arange(rows) + 0.5) * bounds.height / rows
     world = np.column_stack([np.tile(x, rows), np.repeat(y, columns), np.nan_to_num(heights).ravel()])
     places = placed(Earth(system), world)
-    centre = places[known.ravel()].mean(axis=0)
-    whole = np.rint((places - centre) * MILLIMETRES)
-    whole[~known.ravel()] = UNKNOWN_HEIGHT
-    xyz = packed_array(whole.astype(np.int32))
+    centre = places[finite.ravel()].mean(axis=0)
+    steps = np.rint((places - centre) * MILLIMETRES)
+    steps[~finite.ravel()] = UNKNOWN_HEIGHT
+    xyz = packed_array(steps.astype(np.int32))
     return {"rows": rows, "columns": columns, "centre": centre.tolist(), "xyz": xyz}
 
 
@@ -193,9 +193,9 @@ class Handler(BaseHTTPRequestHandler):
 
     protocol_version = "HTTP/1.1"
 
-    def __init__(self, *words: Any, site: TileSite) -> None:
+    def __init__(self, *arguments: Any, site: TileSite) -> None:
         self.site = site
-        super().__init__(*words)
+        super().__init__(*arguments)
 
     def do_GET(self) -> None:
         """Send what the address stands for."""
@@ -205,18 +205,18 @@ class Handler(BaseHTTPRequestHandler):
         """Send its size and type only."""
         self.answer(False)
 
-    def answer(self, whole: bool) -> None:
+    def answer(self, with_body: bool) -> None:
         """Send a file of the site, or why not."""
         host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
         if host not in (HOST, "localhost"):  # the name of another site that was pointed here
             self.send_error(HTTPStatus.FORBIDDEN)
             return
-        found = self.site.find(self.path)
-        if found is None:
+        page = self.site.find(self.path)
+        if page is None:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
-        name = found.name if isinstance(found, Path) else urlsplit(self.path).path or "/"
-        content = found.read_bytes() if isinstance(found, Path) else found
+        name = page.name if isinstance(page, Path) else urlsplit(self.path).path or "/"
+        content = page.read_bytes() if isinstance(page, Path) else page
         self.send_response(HTTPStatus.OK)
         suffix = ".html" if name.endswith("/") else Path(name).suffix
         self.send_header("Content-Type", KINDS.get(suffix, "application/octet-stream"))
@@ -224,10 +224,10 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-cache")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.end_headers()
-        if whole:
+        if with_body:
             self.wfile.write(content)
 
-    def log_message(self, format: str, *words: Any) -> None:
+    def log_message(self, format: str, *arguments: Any) -> None:
         """Say nothing of single requests."""
 
 
@@ -251,8 +251,8 @@ def open_server(site: TileSite, port: int = PORT) -> Server:
     try:
         return Server((HOST, port), partial(Handler, site=site))
     except (OSError, OverflowError) as error:
-        used = isinstance(error, OSError) and error.errno == errno.EADDRINUSE
-        why = "is in use" if used else f"cannot be had ({error})"
+        in_use = isinstance(error, OSError) and error.errno == errno.EADDRINUSE
+        why = "is in use" if in_use else f"cannot be had ({error})"
         raise ValueError(f"--port {port}: {why}; give another, or 0 for any free one") from None
 
 

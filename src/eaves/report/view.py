@@ -40,8 +40,8 @@ def open_report(
     folder = Path(folder)
     path, footprints = folder / "report.html", folder / "footprints.gpkg"
     refuse_no_run(folder)
-    wanted = again or around is not None or basemap is not None
-    if wanted or not path.exists() or path.stat().st_mtime < footprints.stat().st_mtime:
+    redraw = again or around is not None or basemap is not None
+    if redraw or not path.exists() or path.stat().st_mtime < footprints.stat().st_mtime:
         written = write_page(read_contents(folder, around=around, basemap=basemap), describe_run(folder))
         add_to_manifest(folder, [written])
     return opened_page(path) if show else path
@@ -94,11 +94,11 @@ def open_beside(
         When a folder holds no run, or the two are in different reference systems.
     """
     folders = Path(folder), Path(other)
-    for one in folders:
-        refuse_no_run(one)
+    for run_folder in folders:
+        refuse_no_run(run_folder)
     left, right = (
-        read_contents(one, points=POINTS_SHOWN // 2, buildings=BUILDINGS_SHOWN // 2, basemap=basemap)
-        for one in folders
+        read_contents(run_folder, points=POINTS_SHOWN // 2, buildings=BUILDINGS_SHOWN // 2, basemap=basemap)
+        for run_folder in folders
     )
     refuse_other_system(left, right)
     path = folders[0] / BESIDE

@@ -103,9 +103,9 @@ def segment_roof(
         return []
     good = good[canonical_order(points[good])]
     centre = np.floor(points[good].mean(axis=0))
-    found = segmenter.planes(points[good] - centre, spacing, rng or np.random.default_rng(0), emitter(debug))
+    planes = segmenter.planes(points[good] - centre, spacing, rng or np.random.default_rng(0), emitter(debug))
     results = []
-    for plane in found:
+    for plane in planes:
         a, b, c = plane.coefficients
         moved = (a, b, float(c + centre[2] - a * centre[0] - b * centre[1]))
         results.append(RoofPlane(moved, np.sort(good[plane.members]), plane.rmse))

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.planes import LocalPlanes
 from eaves.geometry.tin import Tin
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Mask, Points, RoofPlane, Values
+from eaves.model import Integers, Labels, Mask, Points, RoofPlane, Values
 from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.stage import RoofMethod
 from eaves.roof.toolkit.regions import normal_error, roof_planes
@@ -100,9 +99,7 @@ class TinFaces(RoofMethod):
         least_normal_z = float(np.cos(np.radians(self.finish.max_slope)))
         return roof_planes(labels, points, self.finish.fewest_points(local), least_normal_z)
 
-    def cluster(
-        self, corners: Points, around: NDArray[np.int64], normals: NDArray[np.float64], local: LocalPlanes
-    ) -> NDArray[np.int64]:
+    def cluster(self, corners: Points, around: Integers, normals: Values, local: LocalPlanes) -> Integers:
         """Number (T,) of the face of every triangle, by its corners (T, 3, 3); −1 for none."""
         slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 1e-9)
         (ux, uy), (vx, vy) = ((corners[:, k, :2] - corners[:, 0, :2]).T for k in (1, 2))
@@ -112,20 +109,20 @@ class TinFaces(RoofMethod):
         reach = self.finish.distance_share * local.noise
         face, count = np.full(len(corners), -1), 0
         for _ in range(MOST_FACES):
-            found = fullest(slopes, normals, middle, area * open_, width, reach)
-            if area[found].sum() < self.min_area:
+            members = fullest(slopes, normals, middle, area * open_, width, reach)
+            if area[members].sum() < self.min_area:
                 break
-            pieces, sizes = connected_pieces(found, around, area)
+            pieces, sizes = connected_pieces(members, around, area)
             for piece in np.flatnonzero(sizes >= self.min_area):
                 face[pieces == piece] = count
                 count += 1
-            open_ &= ~found
+            open_ &= ~members
         return face
 
 
 def fullest(
-    slopes: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    slopes: Values,
+    normals: Values,
     middle: Points,
     weight: Values,
     width: float,
@@ -136,46 +133,44 @@ def fullest(
     if weight.sum() <= 0.0:
         return np.zeros(len(weight), bool)
     place = peak_of(slopes, weight, width)
-    near = (np.abs(slopes - place).max(axis=1) <= 1.5 * width) & (weight > 0.0)
-    normal = (normals[near] * weight[near, None]).sum(axis=0)
+    inside = (np.abs(slopes - place).max(axis=1) <= 1.5 * width) & (weight > 0.0)
+    normal = (normals[inside] * weight[inside, None]).sum(axis=0)
     offset = middle @ (normal / np.linalg.norm(normal))
-    level = peak_of(offset[near, None], weight[near], reach)[0]
-    return np.asarray(near & (np.abs(offset - level) <= 1.5 * reach))
+    level = peak_of(offset[inside, None], weight[inside], reach)[0]
+    return np.asarray(inside & (np.abs(offset - level) <= 1.5 * reach))
 
 
-def renumber(tin: Tin, real: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def renumber(tin: Tin, real: Integers) -> tuple[Integers, Integers]:
     """Corners (T, 3) and neighbours (T, 3; −1 outside) of the finite triangles of a TIN."""
     number = np.full(len(tin.vertices) + 1, -1)
     number[real] = np.arange(len(real))
     return tin.vertices[real].astype(np.int64), number[tin.neighbours[real]]
 
 
-def peak_of(places: NDArray[np.float64], weight: Values, width: float) -> NDArray[np.float64]:
+def peak_of(places: Values, weight: Values, width: float) -> Values:
     """The weighted mean (D,) of the places (T, D ≤ 2) of the fullest 3 (× 3) cells, `width` wide."""
-    some = weight > 0.0
+    weighted = weight > 0.0
     cell = np.floor(places / width).astype(np.int64)
-    low = cell[some].min(axis=0)
-    grid = np.zeros(cell[some].max(axis=0) - low + 1)
-    np.add.at(grid, tuple((cell[some] - low).T), weight[some])
+    low = cell[weighted].min(axis=0)
+    grid = np.zeros(cell[weighted].max(axis=0) - low + 1)
+    np.add.at(grid, tuple((cell[weighted] - low).T), weight[weighted])
     around = uniform_filter(grid, 3, mode="constant")
     top = np.array(np.unravel_index(int(around.argmax()), grid.shape)) + low
-    near = some & (np.abs(cell - top) <= 1).all(axis=1)
-    return np.asarray(np.average(places[near], axis=0, weights=weight[near]))
+    beside = weighted & (np.abs(cell - top) <= 1).all(axis=1)
+    return np.asarray(np.average(places[beside], axis=0, weights=weight[beside]))
 
 
-def connected_pieces(
-    some: Mask, around: NDArray[np.int64], area: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def connected_pieces(chosen: Mask, around: Integers, area: Values) -> tuple[Integers, Values]:
     """Piece (T,) of each of the triangles picked (T,), −1 for the others; the area (m²) of every piece."""
-    one, other = np.repeat(np.arange(len(some)), 3), around.ravel()
-    linked = (other >= 0) & some[one] & some[other]
-    group = connected_groups_kernel(one[linked], other[linked], len(some))
-    piece = np.full(len(some), -1)
-    piece[some] = np.unique(group[some], return_inverse=True)[1]
-    return piece, np.bincount(piece[some], area[some]).astype(np.float64)
+    first, second = np.repeat(np.arange(len(chosen)), 3), around.ravel()
+    linked = (second >= 0) & chosen[first] & chosen[second]
+    group = connected_groups_kernel(first[linked], second[linked], len(chosen))
+    piece = np.full(len(chosen), -1)
+    piece[chosen] = np.unique(group[chosen], return_inverse=True)[1]
+    return piece, np.bincount(piece[chosen], area[chosen]).astype(np.float64)
 
 
-def vote_for_face(corners: NDArray[np.int64], face: NDArray[np.int64], count: int) -> Labels:
+def vote_for_face(corners: Integers, face: Integers, count: int) -> Labels:
     """The label (N,) of every point: the face most of its triangles lie on, 0 where half or more do not."""
     faces = int(face.max(initial=-1)) + 1
     place = corners * (faces + 1) + face[:, None] + 1

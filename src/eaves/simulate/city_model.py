@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 from shapely import Polygon
@@ -17,7 +16,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cityjson
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.rings import as_polygon
-from eaves.model import Bounds, Face, Solid
+from eaves.model import Bounds, Face, Solid, Values
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
 from eaves.simulate.objects.solids import extrude_partition
@@ -89,7 +88,7 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     >>> len(town_of_model("nine.city.json").buildings)
     9
     """
-    solids = [(found, solid) for found in read_cityjson(path, crs).values() for solid in _shells(found)]
+    solids = [(item, solid) for item in read_cityjson(path, crs).values() for solid in _shells(item)]
     if not solids:
         raise InputError.about(
             path, "holds no building with surfaces", "give a CityJSON file with LoD 1 or 2"
@@ -103,11 +102,11 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     origin = float(west), float(south)
     buildings: list[ExactBuilding] = []
     faces = 1
-    for found, solid in solids:
+    for item, solid in solids:
         local = Solid(solid.vertices - [*origin, 0.0], solid.faces)
-        building = _exact_building(found.id, local, len(buildings) + 1, faces)
+        building = _exact_building(item.id, local, len(buildings) + 1, faces)
         if building is None:
-            logger.warning("%s: '%s' has no roof to scan and is left out", path, found.id)
+            logger.warning("%s: '%s' has no roof to scan and is left out", path, item.id)
             continue
         buildings.append(building)
         faces += len(building.faces)
@@ -126,13 +125,13 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     return Town(bounds, terrain, tuple(buildings), trunks, leaves, origin, solids[0][0].system)
 
 
-def _shells(found: CityObject) -> tuple[Solid, ...]:
+def _shells(item: CityObject) -> tuple[Solid, ...]:
     """The shells of the object's finest geometry that has faces; of damaged ones those faces with corners."""
-    finest = max(found.geometries, key=lambda geometry: geometry.lod, default=None)
+    finest = max(item.geometries, key=lambda geometry: geometry.lod, default=None)
     if finest is None:
         return ()
     shells = (
-        replace(solid, faces=tuple(filter(has_corners, solid.faces))) for solid in found.as_solids(finest)
+        replace(solid, faces=tuple(filter(has_corners, solid.faces))) for solid in item.as_solids(finest)
     )
     return tuple(solid for solid in shells if solid.faces)
 
@@ -189,15 +188,17 @@ def _tile(faces: list[ExactFace], grid: float) -> list[tuple[Polygon, int]]:
     over: dict[int, list[Polygon]] = {}
     for cell in shapely.get_parts(shapely.polygonize([network])):
         place = shapely.get_coordinates(shapely.point_on_surface(cell))
-        there = [k for k, face in enumerate(faces) if shapely.contains_xy(face.polygon, *place[0])]
-        if there:
-            over.setdefault(max(there, key=lambda k: float(faces[k].height_at(place)[0])), []).append(cell)
+        over_cell = [k for k, face in enumerate(faces) if shapely.contains_xy(face.polygon, *place[0])]
+        if over_cell:
+            over.setdefault(max(over_cell, key=lambda k: float(faces[k].height_at(place)[0])), []).append(
+                cell
+            )
     return [
         (part, k) for k in sorted(over) for part in shapely.get_parts(shapely.coverage_union_all(over[k]))
     ]
 
 
-def _guess(normal: NDArray[np.float64]) -> str:
+def _guess(normal: Values) -> str:
     if normal[2] > LOWEST_ROOF_NORMAL:
         return ROOF_SURFACE
     return GROUND_SURFACE if normal[2] < -LOWEST_ROOF_NORMAL else WALL_SURFACE
@@ -209,8 +210,8 @@ def _terrain_through(buildings: list[ExactBuilding], bounds: Bounds) -> Terrain:
     places = np.array([shapely.get_coordinates(shapely.centroid(b.footprint))[0] for b in buildings])
     bases = np.array([building.base for building in buildings])
     count = min(GROUND_NEIGHBOURS, len(bases))
-    found = cKDTree(places).query(blank.nodes().reshape(-1, 2), k=count)
-    far, which = np.reshape(found[0], (-1, count)), np.reshape(found[1], (-1, count))
+    nearest = cKDTree(places).query(blank.nodes().reshape(-1, 2), k=count)
+    far, which = np.reshape(nearest[0], (-1, count)), np.reshape(nearest[1], (-1, count))
     weight = 1.0 / (far + CELL) ** 2
     heights = (weight * bases[which]).sum(axis=1) / weight.sum(axis=1)
     rough = np.asarray(heights).reshape(blank.heights.shape)

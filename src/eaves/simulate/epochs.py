@@ -165,29 +165,35 @@ def simulate_epochs(
         raise ValueError(f"changed must be a share between 0 and 1, not {changed}")
     site, plots, corridor = lay_site(area_km2, None, terrain, seed, style)
     for number, plot in enumerate(plots):
-        whole = bool(site.bounds.buffered(-RIM).contains(plot.corners()).all())
-        draw_block(plot, style, whole, True, np.random.default_rng([seed, 34, number]))
+        uncut = bool(site.bounds.buffered(-RIM).contains(plot.corners()).all())
+        draw_block(plot, style, uncut, True, np.random.default_rng([seed, 34, number]))
         for placement in plot.placements:
             site.build(placement)
     pairs = _draw_changes(site, changed, np.random.default_rng([seed, 51]))
     extras = put_extras(site.bounds, site.terrain, corridor, np.random.default_rng([seed, 36]))
     towns = []
     for epoch in (0, 1):
-        there = BuildingSite(site.bounds, site.terrain)
+        epoch_site = BuildingSite(site.bounds, site.terrain)
         for _, pair in pairs:
             building = pair[epoch]
             if building is not None:
-                there.add(_renumbered(building, there.faces + 1))
+                epoch_site.add(_renumbered(building, epoch_site.faces + 1))
         for number, plot in enumerate(plots):
             parked = np.random.default_rng([seed, 52, epoch, number]).random(len(plot.cars)) < CARS_KEPT
             cars = [car for car, here in zip(plot.cars, parked, strict=True) if here]
             rng = np.random.default_rng([seed, 35, number])
-            there.furnish(replace(plot, cars=cars), trees, leaf_loss[epoch], rng)
+            epoch_site.furnish(replace(plot, cars=cars), trees, leaf_loss[epoch], rng)
         if clutter:
-            there.install(seed)
-        surfaces = ScannedSurfaces.join([*there.surfaces, *extras])
+            epoch_site.install(seed)
+        surfaces = ScannedSurfaces.join([*epoch_site.surfaces, *extras])
         towns.append(
-            Town(site.bounds, site.terrain, tuple(there.buildings), surfaces, Foliage.join(there.leaves))
+            Town(
+                site.bounds,
+                site.terrain,
+                tuple(epoch_site.buildings),
+                surfaces,
+                Foliage.join(epoch_site.leaves),
+            )
         )
     return Epochs(towns[0], towns[1], tuple(_told(change, *pair) for change, pair in pairs))
 
@@ -198,31 +204,31 @@ Pair = tuple[ExactBuilding | None, ExactBuilding | None]
 
 def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) -> list[tuple[str, Pair]]:
     """The buildings of a site at both times; a change that a building has no room for becomes another."""
-    large = [k for k, one in enumerate(site.buildings) if one.footprint.area >= SMALLEST_M2]
+    large = [k for k, building in enumerate(site.buildings) if building.footprint.area >= SMALLEST_M2]
     chosen = rng.permutation(large)[: round(share * len(large))].tolist()
-    wanted = {k: CHANGES[turn % len(CHANGES)] for turn, k in enumerate(chosen)}
+    planned = {k: CHANGES[turn % len(CHANGES)] for turn, k in enumerate(chosen)}
     pairs = []
     for k, building in enumerate(site.buildings):
-        change = wanted.get(k, "unchanged")
-        other = None
+        change = planned.get(k, "unchanged")
+        changed = None
         if change in ("extended", "partly demolished"):
-            other = _extended(site, k, rng)
-            change = change if other else "raised"
+            changed = _extended(site, k, rng)
+            change = change if changed else "raised"
         if change == "roof replaced":
-            other = _with_other_roof(site, k, rng)
-            change = change if other else "raised"
+            changed = _with_other_roof(site, k, rng)
+            change = change if changed else "raised"
         if change in ("raised", "lowered"):
             way = rng.uniform(0.5, 1.2) if rng.random() < 0.5 else rng.uniform(2.4, 3.2)
             lower = _shifted_roof(site, k, -way) if change == "lowered" else None
-            other = lower or _shifted_roof(site, k, way)
+            changed = lower or _shifted_roof(site, k, way)
             change = "lowered" if lower else "raised"
-        both: dict[str, Pair] = {
+        swapped: dict[str, Pair] = {
             "new": (None, building),
             "demolished": (building, None),
-            "partly demolished": (other, building),
+            "partly demolished": (changed, building),
             "unchanged": (building, building),
         }
-        pairs.append((change, both.get(change, (building, other))))
+        pairs.append((change, swapped.get(change, (building, changed))))
     return pairs
 
 
@@ -230,20 +236,24 @@ def _made(site: BuildingSite, k: int, masses: Masses) -> ExactBuilding | None:
     """A building of a site with other masses; None where they make no closed solid, or stand in another."""
     was = site.buildings[k]
     try:
-        made = make_building(masses, was.number, was.faces[0].number, was.kind, was.base, site.overhangs[k])
-        made.solid()
+        building = make_building(
+            masses, was.number, was.faces[0].number, was.kind, was.base, site.overhangs[k]
+        )
+        building.solid()
     except ValueError:
         return None
-    return made
+    return building
 
 
 def _shifted_roof(site: BuildingSite, k: int, way: float) -> ExactBuilding | None:
     """A building with its roof higher by `way` (m)."""
     masses = tuple(mass.translated(0.0, 0.0, 0.0, way) for mass in site.masses[k])
-    made = _made(site, k, masses)
-    if made is None or (way < 0 and _lowest_eaves(made) - site.floor_of(made.footprint) < LOWEST_WALL):
+    building = _made(site, k, masses)
+    if building is None or (
+        way < 0 and _lowest_eaves(building) - site.floor_of(building.footprint) < LOWEST_WALL
+    ):
         return None
-    return made
+    return building
 
 
 def _lowest_eaves(building: ExactBuilding) -> float:
@@ -267,16 +277,16 @@ def _extended(site: BuildingSite, k: int, rng: np.random.Generator) -> ExactBuil
         plan = Polygon([inner, outer, outer + width * along, inner + width * along])
         if not site.area.contains(shapely.get_coordinates(plan)).all():
             continue
-        near = [n for n in site.near(Bounds(*plan.bounds).buffered(APART)) if n != k]
-        beyond = [n for n in near if shapely.intersects(site.outlines[n], plan)]
+        neighbours = [n for n in site.near(Bounds(*plan.bounds).buffered(APART)) if n != k]
+        beyond = [n for n in neighbours if shapely.intersects(site.outlines[n], plan)]
         level = site.floor_of(plan) + rng.uniform(2.5, 3.4)
         if beyond or level > _lowest_eaves(was) + 1.0:
             continue
-        made = _made(site, k, (*site.masses[k], Mass(plan, ((0.0, 0.0, level),), "annex")))
-        if made is not None and made.footprint.area - was.footprint.area >= 4.0:
-            site.outlines[k] = made.footprint
+        building = _made(site, k, (*site.masses[k], Mass(plan, ((0.0, 0.0, level),), "annex")))
+        if building is not None and building.footprint.area - was.footprint.area >= 4.0:
+            site.outlines[k] = building.footprint
             site.locate(k)
-            return made
+            return building
     return None
 
 
@@ -332,15 +342,15 @@ def _renumbered(building: ExactBuilding, first: int) -> ExactBuilding:
 
 def _told(change: str, old: ExactBuilding | None, new: ExactBuilding | None) -> Change:
     """The change of a building in figures."""
-    one = old or new
-    assert one is not None
+    building = old or new
+    assert building is not None
     size = [(0.0, 0.0) if b is None else (b.footprint.area, _volume(b)) for b in (old, new)]
     higher = 0.0
     if old is not None and new is not None and old is not new:
         common = shapely.intersection(old.footprint, new.footprint)
         higher = (_volume(new, common) - _volume(old, common)) / common.area
     return Change(
-        one.id,
+        building.id,
         change,
         None if old is None else old.footprint,
         None if new is None else new.footprint,
@@ -497,21 +507,21 @@ def write_changes(
     paths = {"layer": Path(folder) / "changes.gpkg", "table": Path(folder) / "changes.json"}
     x, y = scene.cloud.origin
     rows, listed = [], []
-    for one in changes:
-        place = one.new or one.old
+    for change in changes:
+        place = change.new or change.old
         assert place is not None
         values = {
-            "id": one.id,
-            "change": one.change,
-            "height_m": one.height_m,
-            "area_m2": one.area_m2,
-            "volume_m3": one.volume_m3,
+            "id": change.id,
+            "change": change.change,
+            "height_m": change.height_m,
+            "area_m2": change.area_m2,
+            "volume_m3": change.volume_m3,
         }
         listed.append(values)
         rows.append(Row(affine_transform(place, [1, 0, 0, 1, x, y]), values))
     with undated():
         write_polygons(paths["layer"], rows, scene.cloud.system, "changes")
-    counts = {kind: sum(one.change == kind for one in changes) for kind in ("unchanged", *CHANGES)}
+    counts = {kind: sum(change.change == kind for change in changes) for kind in ("unchanged", *CHANGES)}
     with atomic(paths["table"]) as temporary:
         about = {"settings": settings or {}, "counts": counts, "buildings": listed}
         temporary.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")

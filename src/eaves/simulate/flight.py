@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.model import Bounds
+from eaves.model import Bounds, Values
 
 Pattern = Literal["lines", "zigzag", "ellipse", "random"]
 
@@ -66,10 +65,10 @@ class Flight:
 class Pulses:
     """P pulses: `origins` and unit `directions` (P, 3), the number of the strip from 1, the time (s)."""
 
-    origins: NDArray[np.float64]
-    directions: NDArray[np.float64]
+    origins: Values
+    directions: Values
     strip: int
-    time_s: NDArray[np.float64]
+    time_s: Values
 
 
 LINE_RATE = 100.0
@@ -105,9 +104,7 @@ def fly(
             yield _aim(flight, bounds, level, middle, turn, lateral, strip + 1, swept, rng)
 
 
-def _strips_over(
-    bounds: Bounds, middle: NDArray[np.float64], heading: float, offsets: list[float], swath: float
-) -> float:
+def _strips_over(bounds: Bounds, middle: Values, heading: float, offsets: list[float], swath: float) -> float:
     """Mean number of strips that cover a place of the town."""
     share = (np.arange(50) + 0.5) / 50
     x, y = np.meshgrid(bounds.west + share * bounds.width, bounds.south + share * bounds.height)
@@ -124,10 +121,10 @@ class _Sweep:
     across (radians), the time (s); and the spacing of the pulses (m).
     """
 
-    along: NDArray[np.float64]
-    lead: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    time_s: NDArray[np.float64]
+    along: Values
+    lead: Values
+    angle: Values
+    time_s: Values
     spacing: float
 
 
@@ -154,10 +151,10 @@ def _mirror(
     angle = np.arctan(np.tan(half) * np.sin(turn)) if pattern == "ellipse" else half * (2 * share - 1)
     lead = radius * np.cos(turn) if pattern == "ellipse" else np.zeros(per_line)
     across = flight.height * np.tan(angle)
-    near = np.abs(offset + across) < half_length
+    in_range = np.abs(offset + across) < half_length
     if pattern == "zigzag":  # every second line swings the other way
-        near |= np.abs(offset - across) < half_length
-    share, angle, lead = share[near], angle[near], lead[near]
+        in_range |= np.abs(offset - across) < half_length
+    share, angle, lead = share[in_range], angle[in_range], lead[in_range]
     start = -half_length - np.abs(lead).max(initial=0.0) + rng.uniform(0.0, spacing)
     lines, at_once = int(np.ceil(-2 * start / spacing)) + 1, max(1, BATCH // max(len(share), 1))
     for first in range(0, lines, at_once):
@@ -175,7 +172,7 @@ def _aim(
     flight: Flight,
     bounds: Bounds,
     level: float,
-    middle: NDArray[np.float64],
+    middle: Values,
     turn: float,
     offset: float,
     strip: int,
@@ -192,12 +189,12 @@ def _aim(
         + np.outer(swept.along + swept.lead + shake[:, 0], ahead)
         + np.outer(across + shake[:, 1], left)
     )
-    kept = np.flatnonzero(bounds.buffered(BEYOND).contains(target))
-    foot = middle + np.outer(swept.along[kept], ahead) + offset * left
-    origins = np.column_stack([foot, np.full(len(kept), level + flight.height)])
-    aim = np.column_stack([target[kept], np.full(len(kept), level)]) - origins
+    inside = np.flatnonzero(bounds.buffered(BEYOND).contains(target))
+    foot = middle + np.outer(swept.along[inside], ahead) + offset * left
+    origins = np.column_stack([foot, np.full(len(inside), level + flight.height)])
+    aim = np.column_stack([target[inside], np.full(len(inside), level)]) - origins
     aim /= np.linalg.norm(aim, axis=1, keepdims=True)
-    return Pulses(origins, aim, strip, swept.time_s[kept])
+    return Pulses(origins, aim, strip, swept.time_s[inside])
 
 
 def _from_above(bounds: Bounds, top: float, density: float, seed: int) -> Iterator[Pulses]:
@@ -205,8 +202,8 @@ def _from_above(bounds: Bounds, top: float, density: float, seed: int) -> Iterat
     rng = np.random.default_rng([seed, 12])
     count = round(density * bounds.width * bounds.height)
     for first in range(0, count, BATCH):
-        some = min(BATCH, count - first)
-        xy = rng.uniform((bounds.west, bounds.south), (bounds.east, bounds.north), (some, 2))
-        down = np.tile([0.0, 0.0, -1.0], (some, 1))
-        time_s = np.arange(float(first), float(first + some)) * 1e-5
-        yield Pulses(np.column_stack([xy, np.full(some, top)]), down, 1, time_s)
+        size = min(BATCH, count - first)
+        xy = rng.uniform((bounds.west, bounds.south), (bounds.east, bounds.north), (size, 2))
+        down = np.tile([0.0, 0.0, -1.0], (size, 1))
+        time_s = np.arange(float(first), float(first + size)) * 1e-5
+        yield Pulses(np.column_stack([xy, np.full(size, top)]), down, 1, time_s)

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.model import Bounds, Mask
+from eaves.model import Bounds, Mask, Values
 from eaves.model.cloud import BRIDGE_DECK
 from eaves.simulate.objects.houses import (
     Design,
@@ -26,7 +25,7 @@ from eaves.simulate.objects.terrain import Corridor, Terrain, cut_corridor, make
 from eaves.simulate.objects.vegetation import Foliage
 from eaves.simulate.town import BuildingSite, Town
 
-Grid = NDArray[np.float64]
+Grid = Values
 NODES_M = 0.5
 """Distance of the nodes of the terrain: its walls lean by so much."""
 DYKE_SEEDS = 2
@@ -47,7 +46,7 @@ class Level:
     bounds: Bounds
     """In the plot's own coordinates."""
 
-    def contains(self, xyz: NDArray[np.float64]) -> Mask:
+    def contains(self, xyz: Values) -> Mask:
         """Mask (N,) of the points (N, 2 or 3) that lie on it in plan."""
         return self.bounds.contains(np.stack(own_coordinates(self.plot, xyz), axis=-1))
 
@@ -60,7 +59,7 @@ class OldTown:
     levels: tuple[Level, ...]
 
 
-def own_coordinates(plot: Plot, xy: NDArray[np.float64]) -> tuple[Grid, Grid]:
+def own_coordinates(plot: Plot, xy: Values) -> tuple[Grid, Grid]:
     """Coordinates along and across a plot of places (..., 2 or 3) of the town."""
     x, y = xy[..., 0] - plot.x, xy[..., 1] - plot.y
     cos, sin = np.cos(plot.angle), np.sin(plot.angle)
@@ -144,8 +143,8 @@ class Ground:
 
         def build(site: BuildingSite) -> None:
             masses = flat(bounds.width, bounds.height)
-            there = masses[0].translated(self.plot.angle, float(x), float(y), 0.0)
-            design = Design("cellar", lifted(masses, top - site.floor_of(there.polygon)))
+            mass = masses[0].translated(self.plot.angle, float(x), float(y), 0.0)
+            design = Design("cellar", lifted(masses, top - site.floor_of(mass.polygon)))
             site.build(Placement(design, float(x), float(y), self.plot.angle))
 
         self.later.append(build)
@@ -188,8 +187,8 @@ def simulate_old_town(area_km2: float = 0.04, seed: int = 0) -> OldTown:
         heights = cut_corridor(replace(terrain, heights=heights), dyke).heights
     grounds = []
     for number, plot in enumerate(plots):
-        own = np.random.default_rng([seed, 42, number])
-        grounds.append(Ground(plot, heights, *own_coordinates(plot, nodes), own))
+        plot_rng = np.random.default_rng([seed, 42, number])
+        grounds.append(Ground(plot, heights, *own_coordinates(plot, nodes), plot_rng))
         KINDS[(number + seed) % len(KINDS)](grounds[-1])
     site = BuildingSite(bounds, replace(terrain, heights=heights))
     for ground in grounds:

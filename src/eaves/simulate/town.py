@@ -8,14 +8,12 @@ from functools import cached_property
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.model import Bounds, CoordinateSystem, Values
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.simulate.objects.clutter import install
+from eaves.simulate.objects.clutter import hang_power_line, install, park_car, put_fence, span_bridge
 from eaves.simulate.objects.exact import ExactBuilding
-from eaves.simulate.objects.furniture import hang_power_line, park_car, put_fence, span_bridge
 from eaves.simulate.objects.masses import Mass, Plane
 from eaves.simulate.objects.roofs import make_building
 from eaves.simulate.objects.streets import Placement, Plot, TownStyle, draw_block, lay_streets
@@ -154,8 +152,8 @@ def simulate_town(
     limit = len(plots) * 1000 if buildings is None else buildings
     for number, plot in enumerate(plots):
         room = len(built.buildings) < limit
-        whole = bool(bounds.buffered(-RIM).contains(plot.corners()).all())
-        draw_block(plot, style, whole, room, np.random.default_rng([seed, 34, number]))
+        uncut = bool(bounds.buffered(-RIM).contains(plot.corners()).all())
+        draw_block(plot, style, uncut, room, np.random.default_rng([seed, 34, number]))
         for placement in plot.placements:
             if len(built.buildings) < limit:
                 built.build(placement)
@@ -294,19 +292,19 @@ class BuildingSite:
 
     def overlaps(self, outline: Polygon) -> bool:
         """True if the outline overlaps a building that is there."""
-        near = (self.outlines[k] for k in self.near(Bounds(*outline.bounds)))
-        return any(shapely.intersection(other, outline).area > APART for other in near)
+        outlines = (self.outlines[k] for k in self.near(Bounds(*outline.bounds)))
+        return any(shapely.intersection(neighbour, outline).area > APART for neighbour in outlines)
 
     def near(self, extent: Bounds) -> list[int]:
         """The numbers of the outlines whose bounds meet a rectangle, in the order they were built."""
-        there = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
-        return [k for k in there if Bounds(*self.outlines[k].bounds).intersects(extent)]
+        numbers = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
+        return [k for k in numbers if Bounds(*self.outlines[k].bounds).intersects(extent)]
 
     def install(self, seed: int) -> None:
         """Put on the buildings what no reference model has."""
         tree = shapely.STRtree(self.outlines)
 
-        def free(place: NDArray[np.float64]) -> bool:
+        def free(place: Values) -> bool:
             return len(tree.query(shapely.Point(place), predicate="within")) == 0
 
         for building in self.buildings:
@@ -315,17 +313,17 @@ class BuildingSite:
 
     def furnish(self, plot: Plot, trees: float, leaf_loss: float, rng: np.random.Generator) -> None:
         """Plant and park what the plot holds, where no building stands."""
-        near = self.near(Bounds.of(plot.corners()).buffered(GARDEN_REACH))
-        built = shapely.union_all([shapely.buffer(self.outlines[k], TRUNK_CLEARANCE) for k in near])
+        neighbours = self.near(Bounds.of(plot.corners()).buffered(GARDEN_REACH))
+        built = shapely.union_all([shapely.buffer(self.outlines[k], TRUNK_CLEARANCE) for k in neighbours])
         shapely.prepare(built)
 
-        def free(place: NDArray[np.float64]) -> bool:
+        def free(place: Values) -> bool:
             return not shapely.contains_xy(built, place[0], place[1])
 
-        def level(place: NDArray[np.float64]) -> float:
+        def level(place: Values) -> float:
             return float(self.terrain.at(place[None, :])[0])
 
-        def plant(place: NDArray[np.float64]) -> None:
+        def plant(place: Values) -> None:
             leaves, trunk = grow_tree(float(place[0]), float(place[1]), level(place), rng, leaf_loss)
             self.leaves.append(leaves)
             self.surfaces.append(trunk)

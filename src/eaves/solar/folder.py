@@ -113,8 +113,8 @@ def measure_solar(
         rows: list[dict[str, Any]] = [{} for _ in roofs]
         for done, square in enumerate(sorted(squares)):
             progress("solar", done, len(squares))
-            found = square_light(roofs, boxes, squares[square], window, rules, weather, place)
-            for number, light in zip(squares[square], found, strict=True):
+            lights = square_light(roofs, boxes, squares[square], window, rules, weather, place)
+            for number, light in zip(squares[square], lights, strict=True):
                 rows[number] = roof_row(roofs[number].attributes, light, rules)
         progress("solar", len(squares), len(squares))
     sky = "clear sky all year, an upper bound" if weather is None else f"weather of {weather.place}"
@@ -146,16 +146,16 @@ def square_light(
     """The light on the faces `own_faces` of one square, with all that stands within reach."""
     west, south = boxes[own_faces, :2].min(axis=0)
     east, north = boxes[own_faces, 2:].max(axis=0)
-    wanted = Bounds(west, south, east, north)
-    seen = wanted.buffered(rules.reach)
+    square_bounds = Bounds(west, south, east, north)
+    view = square_bounds.buffered(rules.reach)
     corner = (math.floor(west), math.floor(south))
-    dsm = window.read(seen, corner)
-    meets = (boxes[:, 0] < seen.east) & (boxes[:, 2] > seen.west)
-    meets &= (boxes[:, 1] < seen.north) & (boxes[:, 3] > seen.south)
-    near = np.flatnonzero(meets)
+    dsm = window.read(view, corner)
+    meets = (boxes[:, 0] < view.east) & (boxes[:, 2] > view.west)
+    meets &= (boxes[:, 1] < view.north) & (boxes[:, 3] > view.south)
+    candidates = np.flatnonzero(meets)
     faces = [
         shapely.transform(roofs[number].geometry, lambda xyz: xyz - [*corner, 0.0], include_z=True)
-        for number in near.tolist()
+        for number in candidates.tolist()
     ]
     latitude, longitude, convergence = site_of(window.system, ((west + east) / 2, (south + north) / 2), place)
     if weather is None:
@@ -164,7 +164,7 @@ def square_light(
     else:
         hours = weather.hours(latitude, longitude)
     best = best_in_the_open(hours, rules)
-    chosen = np.searchsorted(near, own_faces).tolist()
+    chosen = np.searchsorted(candidates, own_faces).tolist()
     return light_on_faces(faces, dsm, hours, convergence, rules, best, chosen)
 
 
@@ -212,11 +212,11 @@ def convergence_of(crs: Any, latitude: float, longitude: float) -> float:
 
 def roof_row(row: Mapping[str, Any], light: FaceLight, rules: SolarRules) -> dict[str, Any]:
     """The attributes of a face in the layer `roofs`."""
-    kept = ("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2")
+    columns = ("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2")
     year, in_the_open = float(light.month.sum()), float(light.open_month.sum())
     area = float(row.get("area_m2") or 0.0)
     return {
-        **{name: row.get(name) for name in kept},
+        **{name: row.get(name) for name in columns},
         "light_kwh_m2": round(year, 1),
         "light_kwh": round(year * area),
         "shade_share": round(max(0.0, 1.0 - year / in_the_open), 3) if in_the_open > 0.0 else None,
@@ -225,7 +225,7 @@ def roof_row(row: Mapping[str, Any], light: FaceLight, rules: SolarRules) -> dic
         "usable_m2": round(light.usable_m2, 1),
         "usable_kwh_m2": round(light.usable, 1) if light.usable_m2 > 0.0 else None,
         "pv_kwh": round(light.usable_m2 * light.usable * rules.efficiency * rules.performance),
-        **{f"light_{k:02d}_kwh_m2": round(float(one), 2) for k, one in enumerate(light.month, 1)},
+        **{f"light_{k:02d}_kwh_m2": round(float(energy), 2) for k, energy in enumerate(light.month, 1)},
     }
 
 
@@ -244,10 +244,10 @@ def building_rows(
         total["roof_area_m2"] += row["area_m2"] or 0.0
         for name in SUMS:
             total[name] += row[name]
-    found = []
+    rows = []
     for shape, outline in zip(shapes, outlines, strict=True):
         name = str(outline["id"])
         if name in sums:
             rounded = {key: round(value, 1) for key, value in sums[name].items()}
-            found.append(Row(shape, {"id": name, **rounded}))
-    return found
+            rows.append(Row(shape, {"id": name, **rounded}))
+    return rows

@@ -1,4 +1,4 @@
-"""Sunlight on every roof face, by month, and the part of it that panels can use."""
+"""Sunlight on every roof face past what stands before the sky, by month, and the part that panels can use."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy import ndimage
 from shapely import Polygon
 
 from eaves.geometry.face_table import FaceTable
+from eaves.kernels import kernel
 from eaves.model import Integers, Mask, Raster, Values
-from eaves.solar.horizon import horizons, lit_light, sky_shares
 from eaves.solar.sun import MONTHS, Hours, light_on_plane
 
 
@@ -78,9 +78,9 @@ def best_in_the_open(hours: Hours, rules: SolarRules) -> float:
 def light_in_the_open(hours: Hours, normal: Values, rules: SolarRules) -> Values:
     """kWh/m² (12,) by month on a plane of a normal (3,; east, true north, up) with nothing in the way."""
     beam, sky, back = light_on_plane(hours, normal, rules.albedo)
-    seen = 0.5 * (1.0 + normal[2])
-    whole = beam + sky * seen + back * (1.0 - seen)
-    return np.bincount(hours.month, whole, MONTHS) / 1000.0
+    sky_share = 0.5 * (1.0 + normal[2])
+    total = beam + sky * sky_share + back * (1.0 - sky_share)
+    return np.bincount(hours.month, total, MONTHS) / 1000.0
 
 
 def light_on_faces(
@@ -90,7 +90,7 @@ def light_on_faces(
     convergence: float,
     rules: SolarRules,
     best: float,
-    wanted: Sequence[int],
+    numbers: Sequence[int],
 ) -> list[FaceLight]:
     """The light on each of the wanted faces; all faces stand in the way.
 
@@ -116,11 +116,11 @@ def light_on_faces(
     planes, areas = np.where(np.isnan(table.planes), upright, table.planes), table.areas
     face_at = number_cells(faces, planes, dsm)
     slices = ndimage.find_objects(face_at, len(faces))
-    answers = []
-    for number in wanted:
+    lights = []
+    for number in numbers:
         face, plane, area = faces[number], planes[number], float(areas[number])
         cells = face_cells(face, face_at, slices[number], number + 1, dsm)
-        answers.append(
+        lights.append(
             light_on_face(
                 number + 1,
                 face,
@@ -135,7 +135,7 @@ def light_on_faces(
                 best,
             )
         )
-    return answers
+    return lights
 
 
 def number_cells(faces: Sequence[Polygon], planes: Values, dsm: Raster) -> NDArray[np.int32]:
@@ -209,10 +209,10 @@ def light_on_face(
         ]
     )
     beam, sky, back = light_on_plane(hours, normal, rules.albedo)
-    seen = sky_shares(horizon, grid_normal)
+    sky_share = sky_shares(horizon, grid_normal)
     lit = lit_light(horizon, hours.azimuth - convergence, hours.elevation, beam, hours.month)
     from_sky, from_ground = (np.bincount(hours.month, part, MONTHS) for part in (sky, back))
-    light = (lit + np.outer(seen, from_sky) + 0.5 * (1.0 - normal[2]) * from_ground) / 1000.0
+    light = (lit + np.outer(sky_share, from_sky) + 0.5 * (1.0 - normal[2]) * from_ground) / 1000.0
     surface = dsm.values[row, column]
     over = surface > xyz[:, 2] + rules.clearance + 0.5 * dsm.cell * (abs(a) + abs(b))
     good = ~over & np.isfinite(surface) & (light.sum(axis=1) >= rules.suitable * best)
@@ -222,7 +222,7 @@ def light_on_face(
     return FaceLight(
         month=np.asarray(light.mean(axis=0)),
         open_month=light_in_the_open(hours, normal, rules),
-        sky=float(seen.mean()),
+        sky=float(sky_share.mean()),
         usable_m2=area * float(usable.mean()),
         usable=float(light[usable].sum(axis=1).mean()) if usable.any() else 0.0,
         covered=float(over.mean()),
@@ -245,3 +245,198 @@ def in_large_pieces(good: Mask, cells: Cells, cell_m2: float, smallest: float) -
     large = np.bincount(pieces.ravel(), minlength=count + 1) * cell_m2 >= smallest
     large[0] = False
     return np.asarray(large[pieces[row, column]])
+
+
+PATCH = 8
+"""Cells a side of the patches whose highest cell is known, so that rays pass over low ground in strides."""
+
+
+def horizons(
+    dsm: Raster,
+    face_at: NDArray[np.int32],
+    xyz: Values,
+    own_face: int,
+    plane: Values,
+    directions: int,
+    reach: float,
+    clearance: float,
+) -> NDArray[np.float32]:
+    """Tangent of the horizon's elevation (N, K) at every place in K directions, clockwise from grid north.
+
+    A cell stands in the way at the distance of the middle of the ray's way through it. Cells of the places'
+    own face do only where they rise more than `clearance` over its plane: the rest is the scan's noise.
+
+    Parameters
+    ----------
+    dsm : Raster
+        Surface (H, W) with all that stands, roofs and crowns; NaN is nothing.
+    face_at : ndarray (H, W)
+        Number of the roof face at each cell, 0 for none.
+    xyz : ndarray (N, 3)
+        Where to look from, in the raster's coordinates.
+    own : int
+        Number of the roof face on which the places are.
+    plane : ndarray (3,)
+        Its plane z = a·x + b·y + c.
+    directions : int
+        K.
+    reach : float
+        Distance (m) up to which is looked.
+    clearance : float
+        Height (m).
+    """
+    values = np.ascontiguousarray(dsm.values, np.float32)
+    return np.asarray(
+        horizons_kernel(
+            values,
+            highest_of_patches(values),
+            np.ascontiguousarray(face_at, np.int32),
+            dsm.west,
+            dsm.north,
+            dsm.cell,
+            np.ascontiguousarray(xyz, np.float64),
+            own_face,
+            np.ascontiguousarray(plane, np.float64),
+            directions,
+            reach,
+            clearance,
+        )
+    )
+
+
+def highest_of_patches(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The highest value in each patch of `PATCH` × `PATCH` cells; −inf where there is none."""
+    rows, columns = values.shape
+    padded = np.full((-(-rows // PATCH) * PATCH, -(-columns // PATCH) * PATCH), -np.inf, np.float32)
+    padded[:rows, :columns] = np.where(np.isnan(values), -np.inf, values)
+    shape = (padded.shape[0] // PATCH, PATCH, padded.shape[1] // PATCH, PATCH)
+    return np.asarray(padded.reshape(shape).max(axis=(1, 3)))
+
+
+@kernel
+def way_out(x: float, y: float, dx: float, dy: float, west: float, south: float, side: float) -> float:
+    """Distance from a place in a square to its rim along a direction."""
+    along_x, along_y = np.inf, np.inf
+    if dx > 0.0:
+        along_x = (west + side - x) / dx
+    elif dx < 0.0:
+        along_x = (west - x) / dx
+    if dy > 0.0:
+        along_y = (south + side - y) / dy
+    elif dy < 0.0:
+        along_y = (south - y) / dy
+    return max(min(along_x, along_y), 0.0)
+
+
+@kernel
+def horizons_kernel(
+    values: NDArray[np.float32],
+    highest: NDArray[np.float32],
+    face_at: NDArray[np.int32],
+    west: float,
+    north: float,
+    cell: float,
+    xyz: Values,
+    own_face: int,
+    plane: Values,
+    directions: int,
+    reach: float,
+    clearance: float,
+) -> NDArray[np.float32]:
+    """`horizons`, place by place."""
+    rows, columns = values.shape
+    a, b, c = plane[0], plane[1], plane[2]
+    rise = clearance + 0.5 * cell * (abs(a) + abs(b))
+    tangents = np.zeros((len(xyz), directions), np.float32)
+    nudge = 1e-6 * cell
+    for i in range(len(xyz)):
+        x0, y0, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        for k in range(directions):
+            turn = 2.0 * np.pi * k / directions
+            dx, dy = np.sin(turn), np.cos(turn)
+            best, far, first = 0.0, 0.0, True
+            while far < reach:
+                x, y = x0 + dx * (far + nudge), y0 + dy * (far + nudge)
+                column, row = int(np.floor((x - west) / cell)), int(np.floor((north - y) / cell))
+                if column < 0 or row < 0 or column >= columns or row >= rows:
+                    break
+                if not first:
+                    low, left = row // PATCH, column // PATCH
+                    if highest[low, left] - z <= best * far:
+                        side = PATCH * cell
+                        corner = north - (low + 1) * side
+                        far += nudge + way_out(x, y, dx, dy, west + left * side, corner, side)
+                        continue
+                out = (
+                    far + nudge + way_out(x, y, dx, dy, west + column * cell, north - (row + 1) * cell, cell)
+                )
+                h = values[row, column]
+                if not first and not np.isnan(h):
+                    counts = True
+                    if face_at[row, column] == own_face:
+                        middle_x, middle_y = west + (column + 0.5) * cell, north - (row + 0.5) * cell
+                        counts = h > a * middle_x + b * middle_y + c + rise
+                    slope = (h - z) / (0.5 * (far + out))
+                    if counts and slope > best:
+                        best = slope
+                far, first = out, False
+            tangents[i, k] = best
+    return tangents
+
+
+def sky_shares(horizon: NDArray[np.float32], normal: Values) -> Values:
+    """Share (N,) of an even sky's light that reaches planes of one normal (3,), above horizons (N, K).
+
+    The integral of the cosine of incidence over the sky that is seen, in closed form along each direction,
+    over that of the whole sky; of a tilted plane in the open it is (1 + cos tilt) / 2.
+    """
+    count = horizon.shape[1]
+    turn = 2.0 * np.pi * np.arange(count) / count
+    across = normal[0] * np.sin(turn) + normal[1] * np.cos(turn)
+    plane_horizon = np.arctan2(-across, max(float(normal[2]), 1e-9))  # where the plane itself ends the sky
+    low = np.maximum(np.arctan(horizon), np.maximum(plane_horizon, 0.0))
+    upper = 0.5 * normal[2] * np.cos(low) ** 2
+    side = across * (0.5 * (0.5 * np.pi - low) - 0.25 * np.sin(2.0 * low))
+    return np.asarray(2.0 * (upper + side).mean(axis=1))
+
+
+def lit_light(
+    horizon: NDArray[np.float32], azimuth: Values, elevation: Values, light: Values, month: Integers
+) -> Values:
+    """The sum (N, 12) by month of the light (H,) of those hours in which the sun stands above the horizon.
+
+    `azimuth` (H,) is clockwise from grid north, as the horizon's directions are.
+    """
+    return np.asarray(
+        lit_light_kernel(
+            np.ascontiguousarray(horizon.T, np.float32),
+            np.ascontiguousarray(azimuth % 360.0),
+            np.tan(np.radians(np.minimum(elevation, 89.9))),
+            np.ascontiguousarray(light),
+            np.ascontiguousarray(month),
+        ).T
+    )
+
+
+@kernel
+def lit_light_kernel(
+    horizon: NDArray[np.float32],
+    azimuth: Values,
+    tangent: Values,
+    light: Values,
+    month: Integers,
+) -> Values:
+    """`lit_light` of horizons (K, N); between two directions their tangent is linear."""
+    directions, places = horizon.shape
+    total = np.zeros((12, places))
+    for j in range(len(light)):
+        if light[j] <= 0.0:
+            continue
+        turn = azimuth[j] / 360.0 * directions
+        sector = int(turn) % directions
+        share = turn - np.floor(turn)
+        next_sector = (sector + 1) % directions
+        for i in range(places):
+            if tangent[j] > horizon[sector, i] * (1.0 - share) + horizon[next_sector, i] * share:
+                total[month[j], i] += light[j]
+    return total

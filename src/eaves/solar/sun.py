@@ -164,10 +164,10 @@ def kept_hours(
     azimuth, elevation, distance = sun_position(hours_of_year(zone_h), latitude, longitude)
     extra = SOLAR_CONSTANT / distance**2
     direct, diffuse = light(elevation, extra)
-    some = (diffuse > 0.0) | ((direct > 0.0) & (elevation > 0.0))
+    bright = (diffuse > 0.0) | ((direct > 0.0) & (elevation > 0.0))
     up = np.where(elevation > 0.0, direct, 0.0)
-    month = month_of_hours()[some]
-    return Hours(month, azimuth[some], elevation[some], up[some], diffuse[some], extra[some])
+    month = month_of_hours()[bright]
+    return Hours(month, azimuth[bright], elevation[bright], up[bright], diffuse[bright], extra[bright])
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,8 +204,8 @@ def read_epw(path: Path) -> Weather:
         if place[0].strip().upper() != "LOCATION":
             raise ValueError
         rows = [line.split(",") for line in lines[HEADER_LINES:] if line.strip()]
-        kept = [row for row in rows if (int(row[1]), int(row[2])) != (2, 29)]
-        light = np.array([[float(row[DIRECT]), float(row[DIFFUSE])] for row in kept])
+        hours = [row for row in rows if (int(row[1]), int(row[2])) != (2, 29)]
+        light = np.array([[float(row[DIRECT]), float(row[DIFFUSE])] for row in hours])
         zone = float(place[8])
     except (OSError, ValueError, IndexError):
         raise InputError.about(path, "is no EPW weather file", remedy) from None

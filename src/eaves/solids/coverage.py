@@ -73,8 +73,8 @@ class Coverage:
     @cached_property
     def measures(self) -> tuple[Integers, Integers, Integers, Values, Values, Integers]:
         """`ring_order`, `ring_cell`, `ring_area`, `area` and `outer_ring`."""
-        known = (self.nodes, self.start, self.end, self.cell, self.following, self.count)
-        halves, first, ring_cell, ring_area, area, outer = rings_kernel(*known)
+        half_edges = (self.nodes, self.start, self.end, self.cell, self.following, self.count)
+        halves, first, ring_cell, ring_area, area, outer = rings_kernel(*half_edges)
         return halves, first, ring_cell, ring_area, area, outer
 
     @property
@@ -114,16 +114,16 @@ class Coverage:
         outer = np.append(self.outer_ring, -1)[self.ring_cell]
         numbers = np.flatnonzero(outer >= 0)
         numbers = numbers[np.lexsort((numbers, numbers != outer[numbers], self.ring_cell[numbers]))]
-        answer = np.full(self.count, Polygon(), object)
+        shapes = np.full(self.count, Polygon(), object)
         if len(numbers) == 0:
-            return answer
+            return shapes
         size = np.diff(first)[numbers]
         step = np.arange(int(size.sum())) - np.repeat(np.cumsum(size) - size, size)
         places = self.nodes[self.start[halves[np.repeat(first[numbers], size) + step]]]
         rings = shapely.linearrings(places, indices=np.repeat(np.arange(len(numbers)), size))
         cells, owner = np.unique(self.ring_cell[numbers], return_inverse=True)
-        answer[cells] = shapely.polygons(rings, indices=owner.ravel())
-        return answer
+        shapes[cells] = shapely.polygons(rings, indices=owner.ravel())
+        return shapes
 
     def cells_of(self, points: Points) -> tuple[Integers, Integers]:
         """Pairs of point and cell (K,), (K,): which cell each of the points (N, 3) lies in; on a border, in
@@ -191,22 +191,22 @@ def coverage_of(polygons: NDArray[np.object_], grid: float) -> Coverage | None:
     if len(rings) == 0:
         return None
     places, ring = shapely.get_coordinates(rings, return_index=True)
-    whole = np.round(places / grid).astype(np.int64)
-    low = whole.min(axis=0)
-    width = int(whole[:, 1].max() - low[1]) + 1
-    key = (whole[:, 0] - low[0]) * width + whole[:, 1] - low[1]
-    found, first, number = np.unique(key, return_index=True, return_inverse=True)
+    steps = np.round(places / grid).astype(np.int64)
+    low = steps.min(axis=0)
+    width = int(steps[:, 1].max() - low[1]) + 1
+    key = (steps[:, 0] - low[0]) * width + steps[:, 1] - low[1]
+    distinct, first, number = np.unique(key, return_index=True, return_inverse=True)
     goes_on = ring[:-1] == ring[1:]
     start, end, cell = number[:-1][goes_on], number[1:][goes_on], owner[ring[:-1]][goes_on]
-    size = len(found)
-    there, back = start * size + end, end * size + start
-    sorted_there = np.sort(there)
-    if np.any(sorted_there[1:] == sorted_there[:-1]) or np.any(start == end):
+    size = len(distinct)
+    forward, back = start * size + end, end * size + start
+    sorted_forward = np.sort(forward)
+    if np.any(sorted_forward[1:] == sorted_forward[:-1]) or np.any(start == end):
         return None
-    place = np.minimum(np.searchsorted(sorted_there, back), len(there) - 1)
-    alone = sorted_there[place] != back
+    place = np.minimum(np.searchsorted(sorted_forward, back), len(forward) - 1)
+    alone = sorted_forward[place] != back
     return Coverage(
-        np.round(whole[first] * grid, 6),
+        np.round(steps[first] * grid, 6),
         np.concatenate([start, end[alone]]).astype(np.int64),
         np.concatenate([end, start[alone]]).astype(np.int64),
         np.concatenate([cell, np.full(int(alone.sum()), OUTSIDE)]).astype(np.int64),
@@ -233,14 +233,15 @@ def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64])
     along = ((corners[corner] - ends[number, 0]) * step).sum(axis=1) / length**2
     order = np.lexsort((corner, along, number))
     number, place = number[order], corners[corner[order]]
-    used, first = np.unique(number, return_index=True)
-    last = np.searchsorted(number, used, side="right") - 1
+    line_numbers, first = np.unique(number, return_index=True)
+    last = np.searchsorted(number, line_numbers, side="right") - 1
     stays = [
-        np.hypot(*(ends[used, k] - place[some]).T) >= NARROWEST_NECK for k, some in enumerate((first, last))
+        np.hypot(*(ends[line_numbers, k] - place[indices]).T) >= NARROWEST_NECK
+        for k, indices in enumerate((first, last))
     ]
-    number = np.concatenate([used[stays[0]], number, used[stays[1]]])
+    number = np.concatenate([line_numbers[stays[0]], number, line_numbers[stays[1]]])
     order = np.argsort(number, kind="stable")
-    path = np.concatenate([ends[used[stays[0]], 0], place, ends[used[stays[1]], 1]])[order]
+    path = np.concatenate([ends[line_numbers[stays[0]], 0], place, ends[line_numbers[stays[1]], 1]])[order]
     number = number[order]
     bent = np.bincount(number, minlength=len(lines)) > 1
     path, number = path[bent[number]], number[bent[number]]

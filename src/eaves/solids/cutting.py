@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -27,25 +26,23 @@ ROUNDED = 0.75
 """So near (steps of the grid) to a node a piece passes through it: what is rounded moves less."""
 
 
-def arrange(polygon: Polygon, segments: NDArray[np.float64]) -> Coverage | None:
+def arrange(polygon: Polygon, segments: Values) -> Coverage | None:
     """The cells that segments (S, 4: x, y, x, y) cut a polygon into, nodes on the grid of coordinates.
 
     Ends that hang free cut nothing. Necks and gaps narrower than `NARROWEST_NECK` are parted and filled
     first, and places where segments meet, that near to each other, are one. None when the polygon has no
     area on the grid.
     """
-    whole = without_necks(shapely.set_precision(polygon, COORDINATE_STEP), COORDINATE_STEP)
-    if whole.is_empty:
+    clean = without_necks(shapely.set_precision(polygon, COORDINATE_STEP), COORDINATE_STEP)
+    if clean.is_empty:
         return None
-    first, last, _ = edges_of(shapely.orient_polygons(shapely.get_parts(whole)))
+    first, last, _ = edges_of(shapely.orient_polygons(shapely.get_parts(clean)))
     outline = np.round(np.hstack([first, last]) / COORDINATE_STEP)
     knotted = knot(outline, segments / COORDINATE_STEP)
     return None if knotted is None else cells_between(*knotted)
 
 
-def knot(
-    outline: NDArray[np.float64], lines: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], Integers, Integers, Mask] | None:
+def knot(outline: Values, lines: Values) -> tuple[Values, Integers, Integers, Mask] | None:
     """Nodes (V, 2), the pieces between them from `start` to `end` (K,), (K,), and which are of the outline.
 
     `outline` (E, 4) and `lines` (S, 4) are in steps of the grid, the outline on it. The lines bend through
@@ -58,31 +55,29 @@ def knot(
     on_outline = piece < len(outline)
     corners = each_once(outline[:, :2])
     inside = np.vstack([met[~on_outline], np.round(lines.reshape(-1, 2))])
-    others = np.vstack([met[on_outline], each_once(inside)])
-    near = NARROWEST_NECK / COORDINATE_STEP
-    nodes, count = one_place_each(corners, others, near)
+    crossings = np.vstack([met[on_outline], each_once(inside)])
+    reach = NARROWEST_NECK / COORDINATE_STEP
+    nodes, count = one_place_each(corners, crossings, reach)
     _, start, end = pieces_through(nodes, outline, ROUNDED)
-    _, start_of_line, end_of_line = pieces_through(nodes[:count], lines, near)
-    own = np.arange(len(start) + len(start_of_line)) < len(start)
+    _, start_of_line, end_of_line = pieces_through(nodes[:count], lines, reach)
+    on_rim = np.arange(len(start) + len(start_of_line)) < len(start)
     start, end = np.append(start, start_of_line), np.append(end, end_of_line)
     for _ in range(MOST_ROUNDS):
         pieces = np.hstack([nodes[start], nodes[end]])
         met, _ = meetings(pieces)
         nodes = each_once(np.vstack([nodes, met]))
         piece, start, end = pieces_through(nodes, pieces, ROUNDED)
-        own = own[piece]
+        on_rim = on_rim[piece]
         if len(met) == 0 and len(piece) == len(pieces):
-            return nodes, start, end, own
+            return nodes, start, end, on_rim
     return None
 
 
-def one_place_each(
-    corners: NDArray[np.float64], others: NDArray[np.float64], near: float
-) -> tuple[NDArray[np.float64], int]:
+def one_place_each(corners: Values, crossings: Values, reach: float) -> tuple[Values, int]:
     """One place for those of the corners (K, 2) and the other places (M, 2) that are connected by steps as
-    short as `near`, the first of them; after so many the corners that are none of these."""
-    places = np.vstack([corners, others])
-    pairs = cKDTree(places).query_pairs(near, output_type="ndarray")
+    short as `reach`, the first of them; after so many the corners that are none of these."""
+    places = np.vstack([corners, crossings])
+    pairs = cKDTree(places).query_pairs(reach, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
     first = np.unique(group, return_index=True)[1]
     left_out = np.ones(len(corners), bool)
@@ -90,30 +85,30 @@ def one_place_each(
     return places[np.append(first, np.flatnonzero(left_out))], len(first)
 
 
-def each_once(places: NDArray[np.float64]) -> NDArray[np.float64]:
+def each_once(places: Values) -> Values:
     """The places (K, 2), each once, by x and then by y."""
     numbers = np.unique(places @ np.array([1.0, 1.0j]))
     return np.column_stack([numbers.real, numbers.imag])
 
 
-def meetings(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers]:
+def meetings(pieces: Values) -> tuple[Values, Integers]:
     """Crossings of two of the pieces (M, 4), rounded (K, 2), and the lower number of the two (K,)."""
     order = np.argsort(np.minimum(pieces[:, 0], pieces[:, 2]), kind="stable")
-    places, one, other = crossings_kernel(pieces[order])
-    return np.round(places), np.minimum(order[one], order[other])
+    places, first, second = crossings_kernel(pieces[order])
+    return np.round(places), np.minimum(order[first], order[second])
 
 
 @kernel
-def crossings_kernel(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], Integers, Integers]:
+def crossings_kernel(pieces: Values) -> tuple[Values, Integers, Integers]:
     """Crossings of two of the pieces (M, 4), ascending by their least x, between their ends (K, 2), and the
     two that cross, (K,), (K,)."""
-    room, found = 2 * len(pieces) + 16, 0
+    room, hits = 2 * len(pieces) + 16, 0
     places, pairs = np.empty((room, 2)), np.empty((2, room), np.int64)
-    for one in range(len(pieces)):
-        ax, ay, bx, by = pieces[one, 0], pieces[one, 1], pieces[one, 2], pieces[one, 3]
+    for i in range(len(pieces)):
+        ax, ay, bx, by = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
         east, south, north = max(ax, bx), min(ay, by), max(ay, by)
-        for other in range(one + 1, len(pieces)):
-            cx, cy, dx, dy = pieces[other, 0], pieces[other, 1], pieces[other, 2], pieces[other, 3]
+        for j in range(i + 1, len(pieces)):
+            cx, cy, dx, dy = pieces[j, 0], pieces[j, 1], pieces[j, 2], pieces[j, 3]
             if min(cx, dx) > east:
                 break
             if min(cy, dy) > north or max(cy, dy) < south:
@@ -124,20 +119,18 @@ def crossings_kernel(pieces: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
             along = ((cx - ax) * (dy - cy) - (cy - ay) * (dx - cx)) / cross
             across = ((cx - ax) * (by - ay) - (cy - ay) * (bx - ax)) / cross
             if 0.0 < along < 1.0 and 0.0 < across < 1.0:
-                if found == room:
+                if hits == room:
                     room *= 2
                     more_places, more_pairs = np.empty((room, 2)), np.empty((2, room), np.int64)
-                    more_places[:found], more_pairs[:, :found] = places, pairs
+                    more_places[:hits], more_pairs[:, :hits] = places, pairs
                     places, pairs = more_places, more_pairs
-                places[found, 0], places[found, 1] = ax + along * (bx - ax), ay + along * (by - ay)
-                pairs[0, found], pairs[1, found] = one, other
-                found += 1
-    return places[:found], pairs[0, :found], pairs[1, :found]
+                places[hits, 0], places[hits, 1] = ax + along * (bx - ax), ay + along * (by - ay)
+                pairs[0, hits], pairs[1, hits] = i, j
+                hits += 1
+    return places[:hits], pairs[0, :hits], pairs[1, :hits]
 
 
-def pieces_through(
-    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: float
-) -> tuple[Integers, Integers, Integers]:
+def pieces_through(nodes: Values, pieces: Values, reach: float) -> tuple[Integers, Integers, Integers]:
     """The pieces (M, 4) divided at the nodes (V, 2) that they pass within a `reach`: the piece (K,) that each
     part is of, and the nodes (K,), (K,) that it joins."""
     order = np.argsort(nodes[:, 0], kind="stable")
@@ -150,12 +143,10 @@ def pieces_through(
 
 
 @kernel
-def passing_kernel(
-    nodes: NDArray[np.float64], pieces: NDArray[np.float64], reach: float
-) -> tuple[Integers, Integers, Values]:
+def passing_kernel(nodes: Values, pieces: Values, reach: float) -> tuple[Integers, Integers, Values]:
     """Pairs of piece and node (K,), (K,) that are within a `reach` of each other, and how far along the piece
     the node is. The nodes (V, 2) ascend by x."""
-    room, found = 4 * len(pieces) + 16, 0
+    room, hits = 4 * len(pieces) + 16, 0
     pairs, places = np.empty((2, room), np.int64), np.empty(room)
     for piece in range(len(pieces)):
         ax, ay, bx, by = pieces[piece, 0], pieces[piece, 1], pieces[piece, 2], pieces[piece, 3]
@@ -169,21 +160,21 @@ def passing_kernel(
             inside = min(max(along, 0.0), 1.0)
             if (x - inside * dx) ** 2 + (y - inside * dy) ** 2 > reach * reach:
                 continue
-            if found == room:
+            if hits == room:
                 room *= 2
                 more_pairs, more_places = np.empty((2, room), np.int64), np.empty(room)
-                more_pairs[:, :found], more_places[:found] = pairs, places
+                more_pairs[:, :hits], more_places[:hits] = pairs, places
                 pairs, places = more_pairs, more_places
-            pairs[0, found], pairs[1, found], places[found] = piece, node, along
-            found += 1
-    return pairs[0, :found], pairs[1, :found], places[:found]
+            pairs[0, hits], pairs[1, hits], places[hits] = piece, node, along
+            hits += 1
+    return pairs[0, :hits], pairs[1, :hits], places[:hits]
 
 
-def cells_between(nodes: NDArray[np.float64], start: Integers, end: Integers, own: Mask) -> Coverage | None:
-    """The coverage of what lies to the left of the pieces of the outline, which are `own` (K,), cut by the
+def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -> Coverage | None:
+    """The coverage of what lies to the left of the pieces of the outline, which are `on_rim` (K,), cut by the
     others; None where nothing does. Pieces meet in nodes (V, 2; steps of the grid) only."""
     size = len(nodes)
-    inner = np.unique(start[own] * size + end[own])
+    inner = np.unique(start[on_rim] * size + end[on_rim])
     edge = np.unique(np.minimum(start, end) * size + np.maximum(start, end))
     while True:
         one, other = edge // size, edge % size
@@ -206,8 +197,8 @@ def cells_between(nodes: NDArray[np.float64], start: Integers, end: Integers, ow
         part = connected_groups_kernel(ring, ring[twin], len(area))
         around = halves[cell[ring[halves]] != OUTSIDE]
         places = nodes[start[halves[first[holes]]]]
-        known = (nodes[start[around]], nodes[end[around]], cell[ring[around]], int(cell.max()) + 1)
-        hole, cells = points_in_polygons(places, *known)
+        ring_edges = (nodes[start[around]], nodes[end[around]], cell[ring[around]], int(cell.max()) + 1)
+        hole, cells = points_in_polygons(places, *ring_edges)
         outer = np.flatnonzero(area > 0.0)
         other = part[outer[cells]] != part[holes[hole]]
         hole, cells = hole[other], cells[other]
@@ -215,12 +206,12 @@ def cells_between(nodes: NDArray[np.float64], start: Integers, end: Integers, ow
         cell[holes[hole[least]]] = cells[least]
     cell = cell[ring]
     key = start * size + end
-    left = inner[np.minimum(np.searchsorted(inner, key), len(inner) - 1)] == key
-    crossed = ~(left | left[twin])
+    inside_left = inner[np.minimum(np.searchsorted(inner, key), len(inner) - 1)] == key
+    crossed = ~(inside_left | inside_left[twin])
     count = int(cell.max()) + 2
     region = connected_groups_kernel(cell[crossed] + 1, cell[twin][crossed] + 1, count)
     covered = np.zeros(count, bool)
-    covered[region[cell[left] + 1]] = True
+    covered[region[cell[inside_left] + 1]] = True
     covered = covered[region]
     covered[0] = False
     number = np.where(covered, np.cumsum(covered) - 1, OUTSIDE)
@@ -231,7 +222,7 @@ def cells_between(nodes: NDArray[np.float64], start: Integers, end: Integers, ow
     return Coverage(*compact_kernel(places, start[stays], end[stays], cell[stays])) if len(stays) else None
 
 
-def next_clockwise(nodes: NDArray[np.float64], start: Integers, end: Integers) -> Integers:
+def next_clockwise(nodes: Values, start: Integers, end: Integers) -> Integers:
     """For each half-edge from `start` (H,) to `end` (H,) the next one clockwise that leaves the same node."""
     step = nodes[end] - nodes[start]
     order = np.lexsort((np.arctan2(step[:, 1], step[:, 0]), start))
@@ -240,9 +231,9 @@ def next_clockwise(nodes: NDArray[np.float64], start: Integers, end: Integers) -
     last = np.append(np.flatnonzero(opens)[1:], len(order)) - 1
     before = np.roll(order, 1)
     before[opens] = order[last]
-    answer = np.empty_like(order)
-    answer[order] = before
-    return answer
+    following = np.empty_like(order)
+    following[order] = before
+    return following
 
 
 def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:

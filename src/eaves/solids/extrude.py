@@ -9,13 +9,12 @@ from operator import itemgetter
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Face, Mask, Points, Solid
+from eaves.model import Face, Mask, Points, Solid, Values
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.solids.coverage import Coverage, coverage_of, cut_polygons
 from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
@@ -49,20 +48,20 @@ def on_grid(value: float) -> float:
 
 @kernel
 def crossings_kernel(
-    nodes: NDArray[np.float64],
+    nodes: Values,
     start: Integers,
     end: Integers,
     cell: Integers,
     twin: Integers,
-    tops: NDArray[np.float64],
-    floors: NDArray[np.float64],
-) -> tuple[Integers, NDArray[np.float64]]:
+    tops: Values,
+    floors: Values,
+) -> tuple[Integers, Values]:
     """First crossings of a top or floor of one cell with one of the other along their edge: half (K,), place
     (K, 2)."""
     halves, places, count = np.empty(len(start), np.int64), np.empty((len(start), 2)), 0
     for half in range(len(start)):
-        own, beyond, share = cell[half], cell[twin[half]], np.inf
-        if not own > beyond >= 0:
+        inside, beyond, share = cell[half], cell[twin[half]], np.inf
+        if not inside > beyond >= 0:
             continue
         ax, ay, bx, by = (
             nodes[start[half], 0],
@@ -70,9 +69,9 @@ def crossings_kernel(
             nodes[end[half], 0],
             nodes[end[half], 1],
         )
-        for one in (tops[own], floors[own]):
-            for other in (tops[beyond], floors[beyond]):
-                a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+        for plane in (tops[inside], floors[inside]):
+            for rival in (tops[beyond], floors[beyond]):
+                a, b, c = plane[0] - rival[0], plane[1] - rival[1], plane[2] - rival[2]
                 before, after = a * ax + b * ay + c, a * bx + b * by + c
                 if before * after < 0.0 and min(abs(before), abs(after)) > SAME_HEIGHT:
                     share = min(share, before / (before - after))
@@ -87,16 +86,16 @@ def crossings_kernel(
 
 @kernel
 def columns_kernel(
-    nodes: NDArray[np.float64],
+    nodes: Values,
     start: Integers,
     cell: Integers,
     twin: Integers,
     following: Integers,
-    tops: NDArray[np.float64],
-    floors: NDArray[np.float64],
+    tops: Values,
+    floors: Values,
     over: Integers,
     under: Integers,
-) -> tuple[NDArray[np.float64], Integers, Integers, Mask, Integers]:
+) -> tuple[Values, Integers, Integers, Mask, Integers]:
     """Vertices (V, 3), one for each group of nearly equal heights of the cells over a node; those (H, 2) of
     each half-edge's cell over its start, of floor and top; the walls; which vertices are used (V,); the nodes
     (K,) at which walls touch.
@@ -109,33 +108,33 @@ def columns_kernel(
     vertices, vertex = np.empty((2 * len(start), 3)), np.zeros((len(start), 2), np.int64)
     node_of, count = np.empty(2 * len(start), np.int64), 0
     for node in range(len(nodes)):
-        some = leaving[first[node] : first[node + 1]]
-        some = some[cell[some] != OUTSIDE]
-        height = np.empty(2 * len(some))
-        for one in range(len(height)):
-            plane = floors[cell[some[one // 2]]] if one % 2 == 0 else tops[cell[some[one // 2]]]
-            height[one] = plane[0] * nodes[node, 0] + plane[1] * nodes[node, 1] + plane[2]
+        fan = leaving[first[node] : first[node + 1]]
+        fan = fan[cell[fan] != OUTSIDE]
+        height = np.empty(2 * len(fan))
+        for k in range(len(height)):
+            plane = floors[cell[fan[k // 2]]] if k % 2 == 0 else tops[cell[fan[k // 2]]]
+            height[k] = plane[0] * nodes[node, 0] + plane[1] * nodes[node, 1] + plane[2]
         order, low = np.argsort(height, kind="mergesort"), 0
-        for one in range(1, len(order) + 1):
-            if one < len(order) and not height[order[one]] - height[order[one - 1]] > SAME_HEIGHT:
+        for k in range(1, len(order) + 1):
+            if k < len(order) and not height[order[k]] - height[order[k - 1]] > SAME_HEIGHT:
                 continue
             vertices[count, 0], vertices[count, 1] = nodes[node, 0], nodes[node, 1]
-            vertices[count, 2] = on_grid(0.5 * (height[order[low]] + height[order[one - 1]]))
-            for place in order[low:one]:
-                vertex[some[place // 2], place % 2] = count
+            vertices[count, 2] = on_grid(0.5 * (height[order[low]] + height[order[k - 1]]))
+            for place in order[low:k]:
+                vertex[fan[place // 2], place % 2] = count
             node_of[count] = node
-            count, low = count + 1, one
+            count, low = count + 1, k
     spans, walls = np.empty((2 * len(start), 4), np.int64), 0
-    used, change = np.zeros(count, np.bool_), np.zeros(count + 1, np.int64)
+    in_use, change = np.zeros(count, np.bool_), np.zeros(count + 1, np.int64)
     for half in range(len(start)):
-        own, beyond = cell[half], cell[twin[half]]
-        if own == OUTSIDE:
+        inside, beyond = cell[half], cell[twin[half]]
+        if inside == OUTSIDE:
             continue
         (low, high), (low_end, high_end) = vertex[half], vertex[following[half]]
-        if beyond == OUTSIDE or over[own] != over[beyond]:
-            used[high] = used[high_end] = True
-        if beyond == OUTSIDE or under[own] != under[beyond]:
-            used[low] = used[low_end] = True
+        if beyond == OUTSIDE or over[inside] != over[beyond]:
+            in_use[high] = in_use[high_end] = True
+        if beyond == OUTSIDE or under[inside] != under[beyond]:
+            in_use[low] = in_use[low_end] = True
         (floor, top), (floor_end, top_end) = vertex[following[twin[half]]], vertex[twin[half]]
         for above in range(2):
             foot, foot_end, head, head_end = low, low_end, high, high_end
@@ -155,17 +154,17 @@ def columns_kernel(
                 head_end,
             )
             walls += 1
-            used[foot : head + 1] = True
-            used[foot_end : head_end + 1] = True
+            in_use[foot : head + 1] = True
+            in_use[foot_end : head_end + 1] = True
             change[foot] += 1
             change[foot_end] += 1
             change[head] -= 1
             change[head_end] -= 1
     touching = np.unique(node_of[:count][np.cumsum(change)[:count] > 2])
-    return vertices[:count], vertex, spans[:walls], used, touching
+    return vertices[:count], vertex, spans[:walls], in_use, touching
 
 
-def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> list[Solid] | None:
+def extrude(coverage: Coverage, planes: Values, base: float) -> list[Solid] | None:
     """The solids between the base (m) and the planes (C, 3: a, b, c) of the cells, one for each connected
     part.
 
@@ -187,12 +186,12 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
         stepped = step_back(plan, planes, places)
         if stepped is None:
             break
-        coverage, kept = stepped
-        planes, names = planes[kept], names[kept]
+        coverage, numbers = stepped
+        planes, names = planes[numbers], names[numbers]
     return None
 
 
-def split_crossings(coverage: Coverage, tops: NDArray[np.float64], floors: NDArray[np.float64]) -> Coverage:
+def split_crossings(coverage: Coverage, tops: Values, floors: Values) -> Coverage:
     """The coverage with a node on every edge along which planes, tops or floors (C, 3), of its cells cross.
 
     A crossing beside a node inside the plan is at that node, which moves there: an edge as short as the rest
@@ -201,8 +200,8 @@ def split_crossings(coverage: Coverage, tops: NDArray[np.float64], floors: NDArr
     free = np.ones(len(coverage.nodes), bool)
     free[coverage.start[coverage.cell == OUTSIDE]] = False
     for _ in range(MOST_ROUNDS):
-        known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin)
-        halves, places = crossings_kernel(*known, tops, floors)
+        half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin)
+        halves, places = crossings_kernel(*half_edges, tops, floors)
         if len(halves) == 0:
             break
         moved = node_moved(coverage, halves, places, free)
@@ -214,9 +213,7 @@ def split_crossings(coverage: Coverage, tops: NDArray[np.float64], floors: NDArr
     return coverage
 
 
-def node_moved(
-    coverage: Coverage, halves: Integers, places: NDArray[np.float64], free: Mask
-) -> Coverage | None:
+def node_moved(coverage: Coverage, halves: Integers, places: Values, free: Mask) -> Coverage | None:
     """The coverage with one of the nodes that are `free` (V,) moved to one of the `places` (K, 2) beside it
     on the edges `halves` (K,); None where none can. A node tried is free no more.
     """
@@ -234,12 +231,12 @@ def node_moved(
 
 def close_cells(
     plan: Coverage,
-    tops: NDArray[np.float64],
-    floors: NDArray[np.float64],
+    tops: Values,
+    floors: Values,
     stands: Mask,
     over: Integers,
     names: Sequence[int | None],
-) -> tuple[list[Solid], NDArray[np.float64]]:
+) -> tuple[list[Solid], Values]:
     """The solids between the planes `floors` and `tops` (C, 3) of the cells, and the places (K, 2) where they
     touch themselves.
 
@@ -253,10 +250,12 @@ def close_cells(
         part, cells = plan, np.arange(plan.count)
         if group.any():
             part, cells = plan.merged(np.where(group == number, cells, OUTSIDE))
-        known = (part.nodes, part.start, part.cell, part.twin, part.following)
+        half_edges = (part.nodes, part.start, part.cell, part.twin, part.following)
         faces = (over[cells], under[cells])
-        vertices, vertex, spans, used, nodes = columns_kernel(*known, tops[cells], floors[cells], *faces)
-        solids.append(close_solid(part, vertices, vertex, spans, used, *faces, names))
+        vertices, vertex, spans, in_use, nodes = columns_kernel(
+            *half_edges, tops[cells], floors[cells], *faces
+        )
+        solids.append(close_solid(part, vertices, vertex, spans, in_use, *faces, names))
         touching.append(part.nodes[nodes])
     return solids, np.concatenate(touching)
 
@@ -266,14 +265,14 @@ def close_solid(
     vertices: Points,
     vertex: Integers,
     spans: Integers,
-    used: Mask,
+    in_use: Mask,
     over: Integers,
     under: Integers,
     names: Sequence[int | None],
 ) -> Solid:
     """The solid of a connected plan by its columns (`columns_kernel`): ground faces, roof faces in the order
     of their numbers, undersides, walls."""
-    number = np.cumsum(used) - 1
+    number = np.cumsum(in_use) - 1
     vertex, spans = number[vertex], number[spans]
     below = [
         (name, tuple(ring[::-1] for ring in rings)) for name, rings in rings_of(plan, under, vertex[:, 0])
@@ -285,7 +284,7 @@ def close_solid(
     for foot, top, foot_end, top_end in spans.tolist():
         up, down = range(foot_end, top_end + 1), range(top, foot - 1, -1)
         faces.append(Face(((*up, *down),), WALL_SURFACE))
-    return Solid(vertices[used], tuple(faces))
+    return Solid(vertices[in_use], tuple(faces))
 
 
 def rings_of(
@@ -295,20 +294,20 @@ def rings_of(
     (H,) over the start of each half-edge.
     """
     region, first = plan.regions(label)
-    own = np.append(region, OUTSIDE)[plan.cell]
-    stays = np.flatnonzero(own != own[plan.twin])
-    part = Coverage(plan.nodes, plan.start[stays], plan.end[stays], own[stays])
+    cell_region = np.append(region, OUTSIDE)[plan.cell]
+    stays = np.flatnonzero(cell_region != cell_region[plan.twin])
+    part = Coverage(plan.nodes, plan.start[stays], plan.end[stays], cell_region[stays])
     halves, begin = part.ring_order
     corners = vertex[stays[halves]].tolist()
     rings: list[list[tuple[int, ...]]] = [[] for _ in first]
-    known = zip(part.ring_cell.tolist(), part.ring_area.tolist(), pairwise(begin.tolist()), strict=True)
-    for number, area, (start, end) in known:
+    loops = zip(part.ring_cell.tolist(), part.ring_area.tolist(), pairwise(begin.tolist()), strict=True)
+    for number, area, (start, end) in loops:
         if number != OUTSIDE:
             rings[number].insert(0 if area > 0.0 else len(rings[number]), tuple(corners[start:end]))
     return list(zip(label[first].tolist(), map(tuple, rings), strict=True))
 
 
-def segment_ends(plan: Coverage, halves: Integers, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+def segment_ends(plan: Coverage, halves: Integers, planes: Values) -> Values:
     """Heights (H, 2) of planes (H, 3) over start and end of half-edges (H,)."""
     places = np.stack([plan.nodes[plan.start[halves]], plan.nodes[plan.end[halves]]], axis=1)
     return np.asarray(
@@ -321,19 +320,17 @@ def inner_halves(plan: Coverage) -> Integers:
     return np.flatnonzero((plan.cell > plan.cell[plan.twin]) & (plan.cell[plan.twin] >= 0))
 
 
-def joined_cells(plan: Coverage, tops: NDArray[np.float64], floors: NDArray[np.float64]) -> Integers:
+def joined_cells(plan: Coverage, tops: Values, floors: Values) -> Integers:
     """The number (C,) of the body each cell belongs to: neighbours whose heights overlap along an edge."""
     halves = inner_halves(plan)
-    one, other = plan.cell[halves], plan.cell[plan.twin[halves]]
-    top = np.minimum(segment_ends(plan, halves, tops[one]), segment_ends(plan, halves, tops[other]))
-    floor = np.maximum(segment_ends(plan, halves, floors[one]), segment_ends(plan, halves, floors[other]))
+    inner, outer = plan.cell[halves], plan.cell[plan.twin[halves]]
+    top = np.minimum(segment_ends(plan, halves, tops[inner]), segment_ends(plan, halves, tops[outer]))
+    floor = np.maximum(segment_ends(plan, halves, floors[inner]), segment_ends(plan, halves, floors[outer]))
     joined = (top - floor).max(axis=1) > 2.0 * SAME_HEIGHT
-    return np.asarray(connected_groups_kernel(one[joined], other[joined], plan.count))
+    return np.asarray(connected_groups_kernel(inner[joined], outer[joined], plan.count))
 
 
-def step_back(
-    coverage: Coverage, planes: NDArray[np.float64], places: NDArray[np.float64]
-) -> tuple[Coverage, Integers] | None:
+def step_back(coverage: Coverage, planes: Values, places: Values) -> tuple[Coverage, Integers] | None:
     """The coverage with a little patch around each of the nodes at `places` (K, 2) given to the lowest cell
     there, to the outside where that touches itself, and the cells kept; None where that cannot be drawn.
     """
@@ -374,7 +371,7 @@ class Extrusion:
 def extrude_plan(
     plan: Coverage,
     labels: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     ground: float,
     smallest: float,
 ) -> Extrusion:
@@ -384,14 +381,14 @@ def extrude_plan(
     """
     defect = ""
     for turn in range(3):
-        tidied, kept = tidy(plan, labels, smallest, FIRMNESS**turn * SHORTEST_EDGE)
-        solids = extrude(tidied, planes[kept], ground)
+        tidied, numbers = tidy(plan, labels, smallest, FIRMNESS**turn * SHORTEST_EDGE)
+        solids = extrude(tidied, planes[numbers], ground)
         if solids is None:
             defect = "the plan touches itself"
             continue
         defect = next(filter(None, map(find_defect, solids)), "")
         if not defect:
-            return number_faces(solids, kept)
+            return number_faces(solids, numbers)
     return Extrusion((), np.zeros(0, np.int64), defect)
 
 
@@ -407,16 +404,16 @@ def tidy(plan: Coverage, labels: Integers, smallest: float, shortest: float) -> 
 
 def number_faces(solids: list[Solid], labels: Integers) -> Extrusion:
     """The solids with their roof faces counted through, and the label of each."""
-    answer, used = [], []
+    numbered, plane_labels = [], []
     for solid in solids:
         faces = []
         for face in solid.faces:
             if face.surface == ROOF_SURFACE and face.plane is not None:
-                used.append(int(labels[face.plane]))
-                face = Face(face.rings, face.surface, len(used) - 1)
+                plane_labels.append(int(labels[face.plane]))
+                face = Face(face.rings, face.surface, len(plane_labels) - 1)
             faces.append(face)
-        answer.append(Solid(solid.vertices, tuple(faces)))
-    return Extrusion(tuple(answer), np.array(used, np.int64))
+        numbered.append(Solid(solid.vertices, tuple(faces)))
+    return Extrusion(tuple(numbered), np.array(plane_labels, np.int64))
 
 
 def without_numbers(solids: tuple[Solid, ...]) -> tuple[Solid, ...]:

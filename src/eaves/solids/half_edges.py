@@ -49,20 +49,20 @@ def follow_kernel(
     for half in range(len(start)):
         node, least = end[half], np.inf
         for place in range(first[node], first[node + 1]):
-            other = leaving[place]
-            if twin[half] < 0 and end[other] == start[half]:
-                twin[half] = other
-            if cell[other] != cell[half]:
+            candidate = leaving[place]
+            if twin[half] < 0 and end[candidate] == start[half]:
+                twin[half] = candidate
+            if cell[candidate] != cell[half]:
                 continue
             if following[half] < 0:
-                following[half] = other
+                following[half] = candidate
                 continue
             back = np.arctan2(nodes[start[half], 1] - nodes[node, 1], nodes[start[half], 0] - nodes[node, 0])
             if least == np.inf:
                 least = turn_from(back, nodes, node, end[following[half]])
-            turn = turn_from(back, nodes, node, end[other])
+            turn = turn_from(back, nodes, node, end[candidate])
             if turn < least:
-                least, following[half] = turn, other
+                least, following[half] = turn, candidate
     return twin, following
 
 
@@ -87,11 +87,11 @@ def compact_kernel(
         if number[node] == 0:
             number[node] = count
             count += 1
-    kept = np.empty((count, 2))
+    corners = np.empty((count, 2))
     for node in range(len(nodes)):
         if number[node] >= 0:
-            kept[number[node], 0], kept[number[node], 1] = nodes[node, 0], nodes[node, 1]
-    return kept, number[start], number[end], cell
+            corners[number[node], 0], corners[number[node], 1] = nodes[node, 0], nodes[node, 1]
+    return corners, number[start], number[end], cell
 
 
 @kernel
@@ -111,8 +111,8 @@ def contract_kernel(
     stays = start != end
     for half in range(len(start)):
         for place in range(first[end[half]], first[end[half] + 1]):
-            other = leaving[place]
-            if end[other] == start[half] and cell[other] == cell[half]:
+            candidate = leaving[place]
+            if end[candidate] == start[half] and cell[candidate] == cell[half]:
                 stays[half] = False
     start, end, cell = start[stays], end[stays], cell[stays]
     leaving, first = leaving_kernel(start, len(nodes))
@@ -125,14 +125,14 @@ def contract_kernel(
         if alike != 1 or back != 1:
             return nodes, start, end, cell, none
     number = np.full(count + 1, OUTSIDE)
-    for one in cell:
-        if one != OUTSIDE:
-            number[one] = 0
-    kept = np.flatnonzero(number[:count] == 0)
-    for new in range(len(kept)):
-        number[kept[new]] = new
+    for owner in cell:
+        if owner != OUTSIDE:
+            number[owner] = 0
+    survivors = np.flatnonzero(number[:count] == 0)
+    for new in range(len(survivors)):
+        number[survivors[new]] = new
     nodes, start, end, cell = compact_kernel(nodes, start, end, number[cell])
-    return nodes, start, end, cell, kept
+    return nodes, start, end, cell, survivors
 
 
 @kernel
@@ -150,21 +150,21 @@ def straighten_kernel(
 
     Nodes may be `reach` (m) away from that line. Nodes side by side go in different rounds.
     """
-    kept = np.arange(count)
+    survivors = np.arange(count)
     for _ in range(rounds):
         size = len(nodes)
-        degree, one, other = np.zeros(size, np.int64), np.full(size, -1), np.full(size, -1)
+        degree, before, after = np.zeros(size, np.int64), np.full(size, -1), np.full(size, -1)
         for half in range(len(start)):
             node = start[half]
             degree[node] += 1
-            if one[node] < 0:
-                one[node] = end[half]
-            other[node] = end[half]
-        chosen, target, found = np.zeros(size, np.bool_), np.arange(size), False
+            if before[node] < 0:
+                before[node] = end[half]
+            after[node] = end[half]
+        chosen, target, changed = np.zeros(size, np.bool_), np.arange(size), False
         for node in range(size):
             if degree[node] != 2:
                 continue
-            a, b = one[node], other[node]
+            a, b = before[node], after[node]
             chord_x, chord_y = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
             x, y = nodes[node, 0] - nodes[a, 0], nodes[node, 1] - nodes[a, 1]
             length = max(np.hypot(chord_x, chord_y), 1e-9)
@@ -172,15 +172,15 @@ def straighten_kernel(
             along = (x * chord_x + y * chord_y) / (length * length)
             needless = away <= reach and 0.0 < along < 1.0
             if needless and not chosen[a] and not chosen[b]:
-                chosen[node], target[node], found = True, a, True
-        if not found:
+                chosen[node], target[node], changed = True, a, True
+        if not changed:
             break
-        simpler = contract_kernel(nodes, start, end, cell, len(kept), target)
+        simpler = contract_kernel(nodes, start, end, cell, len(survivors), target)
         if len(simpler[4]) == 0:
             break
         nodes, start, end, cell = simpler[0], simpler[1], simpler[2], simpler[3]
-        kept = kept[simpler[4]]
-    return nodes, start, end, cell, kept
+        survivors = survivors[simpler[4]]
+    return nodes, start, end, cell, survivors
 
 
 @kernel
@@ -195,16 +195,16 @@ def regions_kernel(cell: Integers, twin: Integers, label: Integers) -> tuple[Int
             unite_kernel(head, left, right)
     region, number = np.full(len(label), OUTSIDE), np.full(len(label), OUTSIDE)
     first, count = np.empty(len(label), np.int64), 0
-    for one in range(len(label)):
-        if label[one] == OUTSIDE:
+    for k in range(len(label)):
+        if label[k] == OUTSIDE:
             continue
-        top = one
+        top = k
         while head[top] != top:
             top = head[top]
         if number[top] == OUTSIDE:
-            number[top], first[count] = count, one
+            number[top], first[count] = count, k
             count += 1
-        region[one] = number[top]
+        region[k] = number[top]
     return region, first[:count]
 
 
@@ -251,14 +251,14 @@ def corner_rank_kernel(
 @kernel
 def ring_order_kernel(following: Integers) -> tuple[Integers, Integers]:
     """The half-edges (H,) ring by ring, each `following` (H,) another, and where rings start (R + 1,)."""
-    seen = np.zeros(len(following), np.bool_)
+    visited = np.zeros(len(following), np.bool_)
     halves, first = np.empty(len(following), np.int64), np.zeros(len(following) + 1, np.int64)
     rings, count = 0, 0
     for half in range(len(following)):
-        if seen[half]:
+        if visited[half]:
             continue
-        while not seen[half]:
-            seen[half] = True
+        while not visited[half]:
+            visited[half] = True
             halves[count] = half
             count += 1
             half = following[half]
@@ -284,18 +284,18 @@ def rings_kernel(
     ring_cell, ring_area = np.empty(len(first) - 1, np.int64), np.empty(len(first) - 1)
     area, outer = np.zeros(count), np.full(count, -1)
     for ring in range(len(first) - 1):
-        own = cell[halves[first[ring]]]
+        owner = cell[halves[first[ring]]]
         total = 0.0
         for place in range(first[ring], first[ring + 1]):
             half = halves[place]
             ax, ay = nodes[start[half], 0] - nodes[0, 0], nodes[start[half], 1] - nodes[0, 1]
             bx, by = nodes[end[half], 0] - nodes[0, 0], nodes[end[half], 1] - nodes[0, 1]
             total += ax * by - bx * ay
-        ring_cell[ring], ring_area[ring] = own, 0.5 * total
-        if own >= 0:
-            area[own] += ring_area[ring]
-            if outer[own] == -1 and ring_area[ring] > 0.0:
-                outer[own] = ring
+        ring_cell[ring], ring_area[ring] = owner, 0.5 * total
+        if owner >= 0:
+            area[owner] += ring_area[ring]
+            if outer[owner] == -1 and ring_area[ring] > 0.0:
+                outer[owner] = ring
     for ring in range(len(first) - 1):
         if ring_cell[ring] >= 0 and first[ring + 1] - first[ring] < 3:
             outer[ring_cell[ring]] = -1

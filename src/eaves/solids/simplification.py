@@ -34,9 +34,9 @@ def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] 
     Cells that lose their area vanish and their neighbours close up. None where edges would fall together
     otherwise.
     """
-    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
-    *parts, kept = contract_kernel(*known, target)
-    return (Coverage(*parts), kept) if len(kept) else None
+    half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
+    *parts, numbers = contract_kernel(*half_edges, target)
+    return (Coverage(*parts), numbers) if len(numbers) else None
 
 
 def is_sound(coverage: Coverage) -> bool:
@@ -67,11 +67,11 @@ def is_clear(coverage: Coverage) -> bool:
 
 def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:
     """The coverage, and its labels (C,), without nodes of two edges on the line of their neighbours."""
-    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
-    *parts, kept = straighten_kernel(*known, STRAIGHT, MOST_ROUNDS)
+    half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
+    *parts, numbers = straighten_kernel(*half_edges, STRAIGHT, MOST_ROUNDS)
     if len(parts[1]) == len(coverage.start):
         return coverage, labels
-    return Coverage(*parts), labels[kept]
+    return Coverage(*parts), labels[numbers]
 
 
 def merge_short_edges(
@@ -104,15 +104,15 @@ def make_moves(
         keys = map(tuple, coverage.nodes[pairs].reshape(-1, 4).tolist())
         pairs = pairs[[key not in refused for key in keys]]
     chosen = apart_kernel(coverage.start, coverage.end, pairs, len(coverage.nodes))
-    for some in [chosen, *chosen[:, None]] if len(chosen) else []:
+    for batch in [chosen, *chosen[:, None]] if len(chosen) else []:
         target = np.arange(len(coverage.nodes))
-        target[some[:, 0]] = some[:, 1]
+        target[batch[:, 0]] = batch[:, 1]
         moved = contract(coverage, target)
         if moved is not None and (not careful or is_sound(moved[0])):
-            plan, kept = moved[0], labels[moved[1]]
-            return (plan, kept) if plan.count == coverage.count else plan.merged(kept)
-        if len(some) == 1:
-            refused.add(tuple(coverage.nodes[some[0]].ravel().tolist()))
+            plan, plan_labels = moved[0], labels[moved[1]]
+            return (plan, plan_labels) if plan.count == coverage.count else plan.merged(plan_labels)
+        if len(batch) == 1:
+            refused.add(tuple(coverage.nodes[batch[0]].ravel().tolist()))
     return None
 
 
@@ -120,21 +120,21 @@ def make_moves(
 def apart_kernel(start: Integers, end: Integers, pairs: Integers, size: int) -> Integers:
     """Those of the `pairs` (K, 2) of nodes of `size` that touch none of those before them: the first node of
     a pair and its neighbours, and the second."""
-    taken, kept, count = np.zeros(size, np.bool_), np.empty(pairs.shape, np.int64), 0
-    for one in range(len(pairs)):
-        node, into = pairs[one]
-        clash = taken[node] or taken[into]
+    touched, chosen, count = np.zeros(size, np.bool_), np.empty(pairs.shape, np.int64), 0
+    for k in range(len(pairs)):
+        node, into = pairs[k]
+        clash = touched[node] or touched[into]
         for half in range(len(start)):
-            clash |= start[half] == node and taken[end[half]]
+            clash |= start[half] == node and touched[end[half]]
         if clash:
             continue
-        kept[count, 0], kept[count, 1] = node, into
+        chosen[count, 0], chosen[count, 1] = node, into
         count += 1
-        taken[node] = taken[into] = True
+        touched[node] = touched[into] = True
         for half in range(len(start)):
             if start[half] == node:
-                taken[end[half]] = True
-    return kept[:count]
+                touched[end[half]] = True
+    return chosen[:count]
 
 
 def short_edges(coverage: Coverage, shortest: float) -> Integers:
@@ -154,8 +154,8 @@ def short_edges(coverage: Coverage, shortest: float) -> Integers:
 
 def corner_rank(coverage: Coverage) -> Integers:
     """2 for corners of the outline, 1 for other nodes on it, 0 for nodes inside (V,)."""
-    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.following)
-    return np.asarray(corner_rank_kernel(*known))
+    half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.following)
+    return np.asarray(corner_rank_kernel(*half_edges))
 
 
 def absorb_slivers(
@@ -168,11 +168,11 @@ def absorb_slivers(
     for _ in range(MOST_ROUNDS):
         if coverage.count < 2:
             break
-        known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin, coverage.area)
-        worst, beside = sliver_kernel(*known, float(smallest_area), float(narrowest))
+        arrays = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin, coverage.area)
+        worst, beside = sliver_kernel(*arrays, float(smallest_area), float(narrowest))
         if worst < 0:
             break
-        given = labels.copy()
-        given[worst] = labels[beside]
-        coverage, labels = coverage.merged(given)
+        targets = labels.copy()
+        targets[worst] = labels[beside]
+        coverage, labels = coverage.merged(targets)
     return coverage, labels

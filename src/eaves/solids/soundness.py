@@ -44,8 +44,8 @@ def find_defect(solid: Solid) -> str:
         return "a ring of fewer than three vertices"
     start, end, _ = ring_edges(rings)
     count = len(solid.vertices)
-    there, back = np.sort(start * count + end), np.sort(end * count + start)
-    if np.any(np.diff(there) == 0) or not np.array_equal(there, back):
+    forward, back = np.sort(start * count + end), np.sort(end * count + start)
+    if np.any(np.diff(forward) == 0) or not np.array_equal(forward, back):
         return "an edge that is not used once each way"
     clear, steady = surely_sound(solid)
     flat = {number: on_own_plane(solid, solid.faces[number].rings) for number in steady}
@@ -69,7 +69,7 @@ def surely_sound(solid: Solid) -> tuple[bool, list[int]]:
     places = solid.vertices[[vertex for ring in rings for vertex in ring]]
     sure = steady_faces_kernel(places, first[faces])
     return bool(clear_plan_kernel(places, first, faces)), [
-        number for number, one in zip(numbers, sure.tolist(), strict=True) if not one
+        number for number, is_sound in zip(numbers, sure.tolist(), strict=True) if not is_sound
     ]
 
 
@@ -85,38 +85,38 @@ def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     least = np.cos(np.radians(0.5 * MOST_FOLD_DEG - 0.1))
     for face in range(len(sure)):
-        some = places[first[face] : first[face + 1]]
-        count = len(some)
+        ring = places[first[face] : first[face + 1]]
+        count = len(ring)
         level = True
-        for one in range(count):
-            level &= some[one, 2] == some[0, 2]
+        for i in range(count):
+            level &= ring[i, 2] == ring[0, 2]
         if level or count <= 3:
             sure[face] = True
             continue
         if count > MOST_CORNERS:
             continue
         mean = np.zeros(3)
-        for one in range(count):
-            mean += some[one]
-        centred = some - mean / count
+        for i in range(count):
+            mean += ring[i]
+        centred = ring - mean / count
         covariance[:] = 0.0
-        for one in range(count):
+        for i in range(count):
             for k in range(3):
                 for m in range(3):
-                    covariance[k, m] += centred[one, k] * centred[one, m]
+                    covariance[k, m] += centred[i, k] * centred[i, m]
         eigen_kernel(covariance, vectors, values)
         x, y, z = vectors[0, 0], vectors[1, 0], vectors[2, 0]
         good = True
-        for one in range(count):
-            away = centred[one, 0] * x + centred[one, 1] * y + centred[one, 2] * z
+        for i in range(count):
+            away = centred[i, 0] * x + centred[i, 1] * y + centred[i, 2] * z
             good &= abs(away) < FLATTEST_SHARE * PLANARITY - 1e-6
-        for one in range(count):
-            for other in range(one + 1, count):
+        for i in range(count):
+            for j in range(i + 1, count):
                 if not good:
                     break
-                u, v, w = some[other] - some[one]
-                for third in range(other + 1, count):
-                    a, b, c = some[third] - some[one]
+                u, v, w = ring[j] - ring[i]
+                for third in range(j + 1, count):
+                    a, b, c = ring[third] - ring[i]
                     nx, ny, nz = v * c - w * b, w * a - u * c, u * b - v * a
                     lean = (nx * x + ny * y + nz * z) / max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-12)
                     good &= (lean if nz * z > 0.0 else -lean) > least
@@ -135,27 +135,27 @@ def clear_plan_kernel(places: Points, first: NDArray[np.int64], faces: NDArray[n
     if len(faces) != len(first):
         return False
     reach = (CLOSEST + 1e-5) ** 2
-    whole, covered, length = 0.0, 0.0, 0.0
+    total, covered, length = 0.0, 0.0, 0.0
     for face in range(len(first) - 1):
-        some = places[first[face] : first[face + 1]]
-        count, area = len(some), 0.0
+        ring = places[first[face] : first[face + 1]]
+        count, area = len(ring), 0.0
         if count > LONGEST_RING:
             return False
-        for one in range(count):
-            after = (one + 1) % count
-            ax, ay = some[one, 0], some[one, 1]
-            u, v = some[after, 0] - ax, some[after, 1] - ay
+        for i in range(count):
+            after = (i + 1) % count
+            ax, ay = ring[i, 0], ring[i, 1]
+            u, v = ring[after, 0] - ax, ring[after, 1] - ay
             square = u * u + v * v
             if square < reach:
                 return False
-            area += (ax - some[0, 0]) * v - (ay - some[0, 1]) * u
+            area += (ax - ring[0, 0]) * v - (ay - ring[0, 1]) * u
             length += np.sqrt(square) if face == 0 else 0.0
             side = 0.0
             for step in range(2, count + 1):
-                corner = (one + step) % count
-                x, y = some[corner, 0] - ax, some[corner, 1] - ay
+                corner = (i + step) % count
+                x, y = ring[corner, 0] - ax, ring[corner, 1] - ay
                 before, side = side, u * y - v * x
-                if corner == one:
+                if corner == i:
                     break
                 along = min(max((x * u + y * v) / square, 0.0), 1.0)
                 if (x - along * u) ** 2 + (y - along * v) ** 2 < reach:
@@ -164,16 +164,16 @@ def clear_plan_kernel(places: Points, first: NDArray[np.int64], faces: NDArray[n
                     continue
                 # the edge from the corner before crosses the line of this one: does this one cross its line?
                 last = (corner + count - 1) % count
-                p, q = some[corner, 0] - some[last, 0], some[corner, 1] - some[last, 1]
-                here = p * (ay - some[last, 1]) - q * (ax - some[last, 0])
-                there = p * (ay + v - some[last, 1]) - q * (ax + u - some[last, 0])
-                if here * there <= 0.0:
+                p, q = ring[corner, 0] - ring[last, 0], ring[corner, 1] - ring[last, 1]
+                here = p * (ay - ring[last, 1]) - q * (ax - ring[last, 0])
+                beyond = p * (ay + v - ring[last, 1]) - q * (ax + u - ring[last, 0])
+                if here * beyond <= 0.0:
                     return False
         if face == 0:
-            whole = 0.5 * abs(area)
+            total = 0.5 * abs(area)
         else:
             covered += 0.5 * abs(area)
-    return abs(whole - covered) < 0.99 * COORDINATE_STEP * length
+    return abs(total - covered) < 0.99 * COORDINATE_STEP * length
 
 
 def on_own_plane(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:

@@ -43,8 +43,8 @@ class RoofPlan:
         """The roof faces of a solid that was extruded from a plan."""
         faces = [face for face in solid.faces if face.surface == ROOF_SURFACE]
         rings = [[solid.vertices[list(ring)] for ring in face.rings] for face in faces]
-        polygons = [Polygon(own[0][:, :2], [hole[:, :2] for hole in own[1:]]) for own in rings]
-        planes = [plane_through(np.concatenate(own)) for own in rings]
+        polygons = [Polygon(loops[0][:, :2], [hole[:, :2] for hole in loops[1:]]) for loops in rings]
+        planes = [plane_through(np.concatenate(loops)) for loops in rings]
         return cls(
             np.array(polygons, object),
             np.array(planes),
@@ -55,8 +55,8 @@ class RoofPlan:
     @property
     def outline(self) -> Polygon:
         """The outline of the roof, without nodes on straight edges."""
-        whole = shapely.coverage_union_all(self.polygons)
-        return shapely.orient_polygons(shapely.simplify(whole, 1.5 * COORDINATE_STEP))
+        union = shapely.coverage_union_all(self.polygons)
+        return shapely.orient_polygons(shapely.simplify(union, 1.5 * COORDINATE_STEP))
 
 
 def plane_through(places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -72,10 +72,10 @@ def walls_inside(outline: Polygon, overhangs: Iterable[float]) -> BaseGeometry:
 
     `overhangs` follow `outline_edges`. Strips of neighbouring edges meet in a mitre.
     """
-    strips, left = [], iter(overhangs)
+    strips, depths = [], iter(overhangs)
     for ring in [outline.exterior, *outline.interiors]:
         places = shapely.get_coordinates(ring)[:-1]
-        depth = np.array([next(left) for _ in places])
+        depth = np.array([next(depths) for _ in places])
         strips += ring_strips(places, depth)
     cut = shapely.union_all(np.array(strips, object), grid_size=COORDINATE_STEP) if strips else Polygon()
     return shapely.difference(outline, cut, grid_size=COORDINATE_STEP)
@@ -99,20 +99,20 @@ def ring_strips(places: NDArray[np.float64], depth: NDArray[np.float64]) -> list
 
 def mitred(
     corner: NDArray[np.float64],
-    one: NDArray[np.float64],
-    by_one: float,
-    other: NDArray[np.float64],
-    by_other: float,
+    first: NDArray[np.float64],
+    by_first: float,
+    second: NDArray[np.float64],
+    by_second: float,
 ) -> NDArray[np.float64]:
     """Point where the two edges that meet in a corner meet when each is moved along its normal."""
-    turn = one[0] * other[1] - one[1] * other[0]
-    farthest = 3.0 * max(by_one, by_other)
+    turn = first[0] * second[1] - first[1] * second[0]
+    farthest = 3.0 * max(by_first, by_second)
     if abs(turn) > 1e-3:
-        x = (by_one * other[1] - by_other * one[1]) / turn
-        y = (by_other * one[0] - by_one * other[0]) / turn
+        x = (by_first * second[1] - by_second * first[1]) / turn
+        y = (by_second * first[0] - by_first * second[0]) / turn
         if np.hypot(x, y) <= farthest:
             return np.asarray(corner + [x, y])
-    return np.asarray(corner + max(by_one, by_other) * 0.5 * (one + other))
+    return np.asarray(corner + max(by_first, by_second) * 0.5 * (first + second))
 
 
 def build_overhanging(
@@ -183,8 +183,8 @@ def wall_segments(walls: BaseGeometry, borders: NDArray[np.object_]) -> NDArray[
     lines = shapely.union_all(borders)
     for goal in (lines, shapely.multipoints(shapely.get_coordinates(borders))):
         nearest = shapely.shortest_line(shapely.points(places), goal)
-        near = shapely.length(nearest) < NARROWEST_NECK
-        places[near] = shapely.get_coordinates(shapely.get_point(nearest[near], 1))
+        close = shapely.length(nearest) < NARROWEST_NECK
+        places[close] = shapely.get_coordinates(shapely.get_point(nearest[close], 1))
     goes_on = (ring[:-1] == ring[1:]) & (places[:-1] != places[1:]).any(axis=1)
     return np.asarray(np.column_stack([places[:-1], places[1:]])[goes_on])
 
@@ -196,13 +196,13 @@ def give_to_other_side(
     face."""
     stands = stands.copy()
     inner = (plan.cell != OUTSIDE) & (plan.cell[plan.twin] != OUTSIDE)
-    one, other = plan.cell[inner], plan.cell[plan.twin][inner]
+    inner_cell, outer_cell = plan.cell[inner], plan.cell[plan.twin][inner]
     for cell in np.flatnonzero(small).tolist():
-        near = other[(one == cell) & (face[other] == face[cell]) & ~small[other]]
-        if len(near) == 0:
-            near = other[one == cell]
-        if len(near):
-            stands[cell] = stands[near[np.argmax(plan.area[near])]]
+        candidates = outer_cell[(inner_cell == cell) & (face[outer_cell] == face[cell]) & ~small[outer_cell]]
+        if len(candidates) == 0:
+            candidates = outer_cell[inner_cell == cell]
+        if len(candidates):
+            stands[cell] = stands[candidates[np.argmax(plan.area[candidates])]]
     return stands
 
 
@@ -217,6 +217,6 @@ def hanging_alone(
         stands[:, None], np.array([0.0, 0.0, roof.base]), roof.planes[face] - np.array([0.0, 0.0, thickness])
     )
     group = joined_cells(plan, roof.planes[face], floors)
-    held = np.zeros(int(group.max(initial=-1)) + 1, bool)
-    held[group[stands]] = True
-    return np.asarray(~held[group])
+    supported = np.zeros(int(group.max(initial=-1)) + 1, bool)
+    supported[group[stands]] = True
+    return np.asarray(~supported[group])

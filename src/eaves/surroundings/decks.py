@@ -93,29 +93,31 @@ def look_around(
     from there, and in which of them (H, W) something stands over the terrain (`raised`)."""
     floor = floor.in_wide_cells()
     count = floor.count.astype(np.float32)
-    seen = Decks(floor.west, floor.north, floor.cell, floor.heights(), count)
-    seen = seen.cropped(bounds.buffered(4.0 * rules.widest))
-    return seen, raised_in(seen, raised)
+    window = Decks(floor.west, floor.north, floor.cell, floor.heights(), count)
+    window = window.cropped(bounds.buffered(4.0 * rules.widest))
+    return window, raised_in(window, raised)
 
 
-def decks_of(seen: Decks, roofs: Mask, bounds: Bounds, rules: DeckRules = RULES) -> Decks:
+def decks_of(window: Decks, roofs: Mask, bounds: Bounds, rules: DeckRules = RULES) -> Decks:
     """The decks within `bounds`, of what `look_around` saw from there."""
-    level, doubts = find_decks(seen.level, seen.cell, roofs, rules)
-    placed = tuple(one.translated(seen.west * seen.cell, (seen.north + 1) * seen.cell) for one in doubts)
-    wet = water_heights(seen.level, seen.water, seen.cell, rules)
-    return Decks(seen.west, seen.north, seen.cell, level, wet, doubts=placed).cropped(bounds)
+    level, doubts = find_decks(window.level, window.cell, roofs, rules)
+    placed = tuple(
+        doubt.translated(window.west * window.cell, (window.north + 1) * window.cell) for doubt in doubts
+    )
+    wet = water_heights(window.level, window.water, window.cell, rules)
+    return Decks(window.west, window.north, window.cell, level, wet, doubts=placed).cropped(bounds)
 
 
-def raised_in(seen: Decks, raised: Patch | None) -> Mask:
+def raised_in(window: Decks, raised: Patch | None) -> Mask:
     """The cells (H, W) in which something stands over the terrain."""
-    roofs = np.zeros(seen.level.shape, bool)
+    roofs = np.zeros(window.level.shape, bool)
     if raised is None:
         return roofs
     rows, columns = np.nonzero(np.isfinite(raised.ceiling))
     north, east = (raised.north - rows + 0.5) * raised.cell, (raised.west + columns + 0.5) * raised.cell
-    row = seen.north - np.floor(north / seen.cell).astype(np.int64)
-    column = np.floor(east / seen.cell).astype(np.int64) - seen.west
-    height, width = seen.level.shape
+    row = window.north - np.floor(north / window.cell).astype(np.int64)
+    column = np.floor(east / window.cell).astype(np.int64) - window.west
+    height, width = window.level.shape
     inside = (row >= 0) & (column >= 0) & (row < height) & (column < width)
     roofs[row[inside], column[inside]] = True
     return roofs
@@ -123,39 +125,39 @@ def raised_in(seen: Decks, raised: Patch | None) -> Mask:
 
 def wet_or_bridged(cloud: PointCloud, decks: Sequence[Decks], rules: DeckRules = RULES) -> Classes:
     """`BRIDGE_DECK` or `WATER` for the points (N,) of a cloud on either, 0 for the others."""
-    found = np.zeros(len(cloud), np.uint8)
-    for one in decks:
-        said = np.isfinite(one.level) | np.isfinite(one.water)
+    classes = np.zeros(len(cloud), np.uint8)
+    for deck in decks:
+        said = np.isfinite(deck.level) | np.isfinite(deck.water)
         if not said.any():
             continue
         rows, columns = (np.flatnonzero(said.any(axis=axis)) for axis in (1, 0))
-        west, south = (one.west + columns[0]) * one.cell, (one.north - rows[-1]) * one.cell
-        east, north = (one.west + columns[-1] + 1) * one.cell, (one.north - rows[0] + 1) * one.cell
-        near = Bounds(west, south, east, north).translated(-cloud.origin[0], -cloud.origin[1])
-        there = np.flatnonzero(near.buffered(one.cell).contains(cloud.xyz))
+        west, south = (deck.west + columns[0]) * deck.cell, (deck.north - rows[-1]) * deck.cell
+        east, north = (deck.west + columns[-1] + 1) * deck.cell, (deck.north - rows[0] + 1) * deck.cell
+        extent = Bounds(west, south, east, north).translated(-cloud.origin[0], -cloud.origin[1])
+        points = np.flatnonzero(extent.buffered(deck.cell).contains(cloud.xyz))
         right, up = (round(value / GRID_STEP) for value in cloud.origin)
-        side = round(one.cell / GRID_STEP)
-        column = (np.rint(cloud.xyz[there, 0] / GRID_STEP).astype(np.int64) + right) // side - one.west
-        row = one.north - (np.rint(cloud.xyz[there, 1] / GRID_STEP).astype(np.int64) + up) // side
+        side = round(deck.cell / GRID_STEP)
+        column = (np.rint(cloud.xyz[points, 0] / GRID_STEP).astype(np.int64) + right) // side - deck.west
+        row = deck.north - (np.rint(cloud.xyz[points, 1] / GRID_STEP).astype(np.int64) + up) // side
         inside = (row >= 0) & (column >= 0) & (row < said.shape[0]) & (column < said.shape[1])
-        there, place = there[inside], (row[inside], column[inside])
-        z = cloud.xyz[there, 2]
+        points, place = points[inside], (row[inside], column[inside])
+        z = cloud.xyz[points, 2]
         with np.errstate(invalid="ignore"):
-            found[there[z <= one.water[place]]] = WATER
-            on = np.abs(z - one.level[place]) <= rules.step
-        found[there[on]] = BRIDGE_DECK
-    return found
+            classes[points[z <= deck.water[place]]] = WATER
+            on = np.abs(z - deck.level[place]) <= rules.step
+        classes[points[on]] = BRIDGE_DECK
+    return classes
 
 
 def water_heights(heights: Grid, count: Grid, cell: float, rules: DeckRules) -> Grid:
     """Greatest height (H, W) of a point of water, NaN where there is none: in cells of a wide hole and the
     few cells in it that something returned from, low, flat and gapped."""
     hole, lowest = water_of(heights, cell, rules)
-    known = np.isfinite(heights)
+    finite = np.isfinite(heights)
     side = max(2, round(rules.water_width / cell))
     among = closed_by_square(np.pad(hole, side), side)[side:-side, side:-side]
-    few = count <= rules.water_share * np.median(count[known]) if known.any() else known
-    wet = among & known & few & (heights <= lowest + rules.step)
+    few = count <= rules.water_share * np.median(count[finite]) if finite.any() else finite
+    wet = among & finite & few & (heights <= lowest + rules.step)
     return np.where(wet, lowest + rules.step, np.nan).astype(np.float32)
 
 
@@ -164,14 +166,14 @@ def find_decks(heights: Grid, cell: float, roofs: Mask, rules: DeckRules = RULES
 
     `roofs` marks cells known to be no terrain. Doubts count metres from the north-west corner of the cells.
     """
-    known = np.isfinite(heights)
+    finite = np.isfinite(heights)
     water, level = water_of(heights, cell, rules)
-    z = np.where(known, heights, np.where(water, level, np.nan)).astype(np.float32)
+    z = np.where(finite, heights, np.where(water, level, np.nan)).astype(np.float32)
     between, line = find_between(z, water, cell, rules)
-    land = terrain_beside(z, known & ~between & ~roofs, cell, rules)
+    land = terrain_beside(z, finite & ~between & ~roofs, cell, rules)
     joined = extended_deck(z, land, rules)
     label, _ = even_groups(z, between, rules.step, 2)
-    deck, doubts = np.zeros(known.shape, bool), []
+    deck, doubts = np.zeros(finite.shape, bool), []
     for number, here in enumerate(ndimage.find_objects(label), 1):
         strip = label[here] == number
         area = float(strip.sum()) * cell * cell
@@ -181,10 +183,10 @@ def find_decks(heights: Grid, cell: float, roofs: Mask, rules: DeckRules = RULES
         if ends == 2:
             deck[here] |= strip
         elif (length * cell) ** 2 >= 2.0 * area:
-            row, column = (one.start + at + 0.5 for one, at in zip(here, middle, strict=True))
+            row, column = (span.start + at + 0.5 for span, at in zip(here, middle, strict=True))
             reason = "a bridge or a building: it falls off along both sides, and terrain carries on one end"
             doubts.append(Doubt(round(column * cell, 2), round(-row * cell, 2), area, reason, STAGE))
-    falls = (np.float32(one) for one in (rules.step, rules.fall, rules.water_fall))
+    falls = (np.float32(limit) for limit in (rules.step, rules.fall, rules.water_fall))
     edge = beside_falls(z, water, *falls) & grown_by_square(deck, 3)
     deck = grown_deck(deck, z, (between | edge) & ~roofs, rules)
     return with_edges(np.where(deck, heights, np.nan), z, land, rules).astype(np.float32), doubts
@@ -198,34 +200,34 @@ def grown_deck(deck: Mask, z: Grid, allowed: Mask, rules: DeckRules) -> Mask:
     return np.asarray(np.isin(label, with_deck[with_deck > 0]))
 
 
-def with_edges(found: Grid, z: Grid, land: Mask, rules: DeckRules) -> Grid:
+def with_edges(deck: Grid, z: Grid, land: Mask, rules: DeckRules) -> Grid:
     """The heights (H, W) of decks with the cells at their edges, whose lowest points lie beneath."""
-    known = np.isfinite(found)
-    top = ndimage.maximum_filter(np.where(known, found, -np.inf), 3)
-    near = ~known & np.isfinite(top)
+    finite = np.isfinite(deck)
+    top = ndimage.maximum_filter(np.where(finite, deck, -np.inf), 3)
+    beside = ~finite & np.isfinite(top)
     lower = ~np.isfinite(z) | (top - np.nan_to_num(z) >= rules.water_fall)
     # a railing's foot or a stray echo leaves single cells open
-    closed = closed_by_square(np.pad(known, 2), 3)[2:-2, 2:-2]
-    return np.asarray(np.where(near & (lower | (closed & ~land)), top, found))
+    closed = closed_by_square(np.pad(finite, 2), 3)[2:-2, 2:-2]
+    return np.asarray(np.where(beside & (lower | (closed & ~land)), top, deck))
 
 
 def water_of(heights: Grid, cell: float, rules: DeckRules) -> tuple[Mask, Grid]:
     """The wide holes (H, W) inside the data, and the height (H, W) of the lowest rim near each cell."""
-    known = np.isfinite(heights)
+    finite = np.isfinite(heights)
     side = max(2, round(rules.water_width / cell))
-    hole = ~known & inside_data(known)
+    hole = ~finite & inside_data(finite)
     core = opened_by_square(hole, side)
     wide = ndimage.binary_propagation(core, np.ones((3, 3)), mask=hole)
     around = round(rules.widest / cell) // 2 * 2 + 1
-    lowest = ndimage.minimum_filter(np.where(known, heights, np.inf), around)
+    lowest = ndimage.minimum_filter(np.where(finite, heights, np.inf), around)
     return np.asarray(wide & np.isfinite(lowest)), lowest
 
 
-def inside_data(known: Mask) -> Mask:
+def inside_data(finite: Mask) -> Mask:
     """The cells (H, W) that lie between known ones along their row or their column."""
-    inside = np.zeros(known.shape, bool)
+    inside = np.zeros(finite.shape, bool)
     for axis in (0, 1):
-        before, after = (np.logical_or.accumulate(one, axis) for one in (known, np.flip(known, axis)))
+        before, after = (np.logical_or.accumulate(mask, axis) for mask in (finite, np.flip(finite, axis)))
         inside |= before & np.flip(after, axis)
     return inside
 
@@ -258,8 +260,8 @@ def extended_deck(z: Grid, land: Mask, rules: DeckRules) -> Mask:
     wide_z, wide_land = np.pad(z, 2, constant_values=np.nan), np.pad(land, 2)
     joined = np.zeros(z.shape, bool)
     for down, right in np.ndindex(5, 5):
-        there = np.s_[down : down + rows, right : right + columns]
-        joined |= wide_land[there] & (np.abs(wide_z[there] - z) <= rules.step)
+        window = np.s_[down : down + rows, right : right + columns]
+        joined |= wide_land[window] & (np.abs(wide_z[window] - z) <= rules.step)
     return joined
 
 
@@ -284,10 +286,10 @@ def even_groups(z: Grid, mask: Mask, step: float, reach: int) -> tuple[Labels, i
 
     Cells up to `reach` apart go on from each other when they differ by `step` (m) or less.
     """
-    one, two = neighbour_pairs(mask, steps=steps_within(reach))
+    first, second = neighbour_pairs(mask, steps=steps_within(reach))
     level = z.ravel()
-    joined = np.abs(level[one] - level[two]) <= np.float32(step)
-    return group_cells(mask, one[joined], two[joined])
+    joined = np.abs(level[first] - level[second]) <= np.float32(step)
+    return group_cells(mask, first[joined], second[joined])
 
 
 @kernel
@@ -351,12 +353,12 @@ def falls_off(
 def beside_falls(z: Grid, water: Mask, step: float, fall: float, water_fall: float) -> Mask:
     """The cells (H, W) that fall off on a side."""
     rows, columns = z.shape
-    found = np.zeros((rows, columns), np.bool_)
+    beside = np.zeros((rows, columns), np.bool_)
     for row in range(rows):
         for column in range(columns):
             if water[row, column] or np.isnan(z[row, column]):
                 continue
             for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
                 if falls_off(z, water, row, column, down, right, step, fall, water_fall):
-                    found[row, column] = True
-    return found
+                    beside[row, column] = True
+    return beside

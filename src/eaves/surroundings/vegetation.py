@@ -74,8 +74,8 @@ def grown_cells(cloud: PointCloud, rules: VegetationRules) -> Mask:
     several = 0.0 if returns is None else cells.total((returns > 1).astype(np.float64))
     shown = several >= rules.echoes * np.maximum(cells.count, 1)
     sums = sums_of(xyz, cells.cell, cells.size)
-    some = np.flatnonzero(cells.count > 3)
-    _, normal, rmse = fit_planes(sums[some])
-    freedom = cells.count[some] / (cells.count[some] - 3)  # a plane takes three points
-    shown[some] |= rmse * np.sqrt(freedom) >= rules.roughness * np.maximum(normal[:, 2], 0.1)
+    dense = np.flatnonzero(cells.count > 3)
+    _, normal, rmse = fit_planes(sums[dense])
+    freedom = cells.count[dense] / (cells.count[dense] - 3)  # a plane takes three points
+    shown[dense] |= rmse * np.sqrt(freedom) >= rules.roughness * np.maximum(normal[:, 2], 0.1)
     return np.asarray(shown[cells.cell], np.bool_)

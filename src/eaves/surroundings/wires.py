@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.methods import Method, parameter
-from eaves.model import Mask, PointCloud, Points, Values
+from eaves.model import Integers, Mask, PointCloud, Points, Values
 from eaves.model.cloud import GRID_STEP, GROUND, UNCLASSIFIED
 from eaves.raster.squares import grown_by_square
 
-Integers = NDArray[np.int64]
+Integers = Integers
 
 
 class WireRules(Method):
@@ -75,31 +74,31 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     spacing : mean distance (m) of neighbouring points.
     rules : what counts as a wire.
     """
-    found = np.zeros(len(cloud), bool)
+    on_wire = np.zeros(len(cloud), bool)
     assert cloud.classification is not None
     high = np.flatnonzero((height >= rules.height) & (cloud.classification != GROUND) & ~cloud.noise)
     if spacing > rules.spacing or len(high) <= rules.neighbours:
-        return found
+        return on_wire
     xyz = cloud.xyz[high]
     cells = Cells.of(xyz, rules.cell, margin=0)
     cell, shape = cells.cell, cells.shape
     hanging = np.flatnonzero(top_in_air(cell, xyz[:, 2], 0.5 * rules.height))
-    some = hanging[one_each(xyz[hanging], 0.5 * rules.cell)]
-    some = some[
-        few_around(cell[some], (height[high[some]] / rules.height).astype(np.int64), shape, rules.few)
+    sample = hanging[one_each(xyz[hanging], 0.5 * rules.cell)]
+    sample = sample[
+        few_around(cell[sample], (height[high[sample]] / rules.height).astype(np.int64), shape, rules.few)
     ]
-    row = some[wire_rows(xyz[some], rules)]
+    row = sample[wire_rows(xyz[sample], rules)]
     lines = lines_among(cell[row], shape, rules)
     row = row[lines.ravel()[cell[row]]]
     if len(row):  # what hangs beside a point of a line is of the line
-        near = hanging[grown_by_square(lines, 3).ravel()[cell[hanging]]]
-        away, _ = cKDTree(xyz[row]).query(xyz[near], distance_upper_bound=rules.cell)
-        found[high[near[np.isfinite(away)]]] = True
-    return found
+        close = hanging[grown_by_square(lines, 3).ravel()[cell[hanging]]]
+        away, _ = cKDTree(xyz[row]).query(xyz[close], distance_upper_bound=rules.cell)
+        on_wire[high[close[np.isfinite(away)]]] = True
+    return on_wire
 
 
 def find_towers(
-    cloud: PointCloud, wires: Mask, taken: Mask, height: Values, rules: WireRules = RULES
+    cloud: PointCloud, wires: Mask, excluded: Mask, height: Values, rules: WireRules = RULES
 ) -> Mask:
     """The points (N,) of slender groups that stand on the ground and are as high as a wire, within two cells.
 
@@ -111,25 +110,27 @@ def find_towers(
     height : of the points over the terrain (N,), m.
     rules : what counts as a tower.
     """
-    found = np.zeros(len(cloud), bool)
+    towers = np.zeros(len(cloud), bool)
     if not wires.any():
-        return found
+        return towers
     assert cloud.classification is not None
     cells = Cells.of(cloud.xyz, rules.cell, margin=0)
     lowest = cells.extreme(np.where(wires, height, np.inf), highest=False)
     beside = ndimage.minimum_filter(lowest.reshape(cells.shape), 5)
-    free = (cloud.classification == UNCLASSIFIED) & ~wires & ~taken & np.isfinite(beside.ravel()[cells.cell])
+    free = (
+        (cloud.classification == UNCLASSIFIED) & ~wires & ~excluded & np.isfinite(beside.ravel()[cells.cell])
+    )
     top = cells.extreme(np.where(free, height, -np.inf)).reshape(cells.shape)
     group, count = ndimage.label(top >= beside - 2.0 * rules.cell, np.ones((3, 3)))
     number = np.where(free, group.ravel()[cells.cell], 0)
     for k in range(1, count + 1):
-        own = np.flatnonzero(number == k)
-        highest = float(height[own].max())
-        core = own[np.abs(height[own] - 0.5 * highest) <= 0.25 * highest]
-        gap = float(np.diff(np.sort(height[own]), prepend=0.0).max())
+        members = np.flatnonzero(number == k)
+        highest = float(height[members].max())
+        core = members[np.abs(height[members] - 0.5 * highest) <= 0.25 * highest]
+        gap = float(np.diff(np.sort(height[members]), prepend=0.0).max())
         if len(core) and gap <= rules.gap * highest:
-            found[own] = highest >= rules.upright * np.ptp(cloud.xyz[core, :2], axis=0).max()
-    return found
+            towers[members] = highest >= rules.upright * np.ptp(cloud.xyz[core, :2], axis=0).max()
+    return towers
 
 
 def top_in_air(cell: Integers, z: Values, air: float) -> Mask:
@@ -144,12 +145,12 @@ def top_in_air(cell: Integers, z: Values, air: float) -> Mask:
     uppermost = fallen == fallen[start]
     depth = np.zeros(int(cell.max()) + 1)
     np.maximum.at(depth, cell[order][uppermost], (z[order][start] - z[order])[uppermost])
-    answer = np.zeros(len(z), bool)
-    answer[order] = uppermost & (depth[cell[order]] <= air)
-    return answer
+    in_air = np.zeros(len(z), bool)
+    in_air[order] = uppermost & (depth[cell[order]] <= air)
+    return in_air
 
 
-def one_each(xyz: Points, side: float) -> NDArray[np.int64]:
+def one_each(xyz: Points, side: float) -> Integers:
     """Numbers of the points (K, 3), the first of each cube of a side (m)."""
     place = np.floor(xyz / side).astype(np.int64)
     place -= place.min(axis=0)
@@ -171,9 +172,9 @@ def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     """Mask (K,) of the points (K, 3) that lie in a row with their neighbours, more level than upright."""
     reach = rules.neighbours * rules.cell
     tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)
-    away, near = tree.query(xyz, rules.neighbours + 1, distance_upper_bound=reach)
-    row, some = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))
-    group = xyz[near[some]]
+    away, neighbours = tree.query(xyz, rules.neighbours + 1, distance_upper_bound=reach)
+    row, crowded = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))
+    group = xyz[neighbours[crowded]]
     group = group - group.mean(axis=1, keepdims=True)
     moments = group.transpose(0, 2, 1) @ group / (rules.neighbours + 1)
     # where the two smaller eigenvalues are small beside the largest, so are the minors beside the trace
@@ -182,19 +183,19 @@ def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     thin = np.flatnonzero(minors <= (2.0 * size + least) * least * np.minimum(size, 1.0) + 1e-9)
     values, vectors = np.linalg.eigh(moments[thin])
     straight = values[:, 1] <= least * np.minimum(values[:, 2], 1.0)
-    row[some[thin]] = straight & (vectors[:, 2, 2] ** 2 <= 0.5)
+    row[crowded[thin]] = straight & (vectors[:, 2, 2] ** 2 <= 0.5)
     return row
 
 
 def lines_among(cell: Integers, shape: tuple[int, int], rules: WireRules) -> Mask:
     """The cells (H, W) of long lines among the cells (K,) of points in rows; between two of a line up to two
     may be empty."""
-    there = np.zeros(shape, bool)
-    there.ravel()[cell] = True
-    group, count = ndimage.label(grown_by_square(there, 3), np.ones((3, 3)))
-    group = np.where(there, group, 0)
-    kept = np.zeros(count + 1, bool)
+    occupied = np.zeros(shape, bool)
+    occupied.ravel()[cell] = True
+    group, count = ndimage.label(grown_by_square(occupied, 3), np.ones((3, 3)))
+    group = np.where(occupied, group, 0)
+    lines = np.zeros(count + 1, bool)
     for k, window in enumerate(ndimage.find_objects(group), 1):
-        length = 0.0 if window is None else float(np.hypot(*(one.stop - one.start for one in window)))
-        kept[k] = rules.cell * length >= rules.length
-    return np.asarray(kept[group], np.bool_)
+        length = 0.0 if window is None else float(np.hypot(*(side.stop - side.start for side in window)))
+        lines[k] = rules.cell * length >= rules.length
+    return np.asarray(lines[group], np.bool_)

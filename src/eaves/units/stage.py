@@ -105,7 +105,7 @@ def divide_block(
     good = np.flatnonzero(np.isfinite(points).all(axis=1))
     good = good[canonical_order(points[good])]
     points, height = points[good], height[good]
-    known = np.isfinite(height)
-    if not known.any():
+    finite = np.isfinite(height)
+    if not finite.any():
         return Division((outline,), (1.0,))
-    return divider.divide(points, np.where(known, height, np.nanmedian(height)), outline, spacing)
+    return divider.divide(points, np.where(finite, height, np.nanmedian(height)), outline, spacing)

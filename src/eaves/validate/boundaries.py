@@ -7,19 +7,17 @@ from functools import cached_property
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import SNAP
+from eaves.model import Integers, Values
 
 LARGEST_EXTENT = 1 << 28
 """Extent (steps) up to which the exact predicates cannot overflow; 268 km at a millimetre."""
 
 FINEST_STEP = 1e-5
 """Coordinates written finer than this (m) are rounded to it: a hundredth of the snap tolerance."""
-
-Integers = NDArray[np.int64]
 
 Ring = list[int]
 Face = list[Ring]
@@ -115,7 +113,7 @@ def lay_flat(shells: list[Shell], vertices: Integers, step: float, snap: float =
     return Boundaries(places[:, 1:], step, merged[same], rings_end, faces_end, shells_end)
 
 
-def to_grid(coordinates: NDArray[np.float64], step: float) -> Integers:
+def to_grid(coordinates: Values, step: float) -> Integers:
     """Coordinates (N, 3) as whole numbers of steps."""
     return np.rint(coordinates / step).astype(np.int64)
 
@@ -131,8 +129,8 @@ def _merge_near(places: Integers, tolerance_steps: float) -> Integers:
     local = (places - places.min(axis=0)).astype(np.float64)
     local[:, 0] *= 2.0 * tolerance_steps  # shells are apart, and stay so
     pairs = cKDTree(local).query_pairs(tolerance_steps * (1 + 1e-9), output_type="ndarray")
-    one, two = np.ascontiguousarray(pairs.T, np.int64)
-    group = connected_groups_kernel(one, two, len(places))
+    node, partner = np.ascontiguousarray(pairs.T, np.int64)
+    group = connected_groups_kernel(node, partner, len(places))
     first = np.full(group.max() + 1, len(places))
     np.minimum.at(first, group, np.arange(len(places)))
     return np.asarray(first[group])

@@ -175,7 +175,7 @@ def self_intersections_kernel(  # type: ignore[no-untyped-def]
         for k in range(3):
             low[t, k] = min(corners[t, 0, k], corners[t, 1, k], corners[t, 2, k])
             high[t, k] = max(corners[t, 0, k], corners[t, 1, k], corners[t, 2, k])
-    found = [(0, 0)]
+    meetings = [(0, 0)]
     for t in range(count):
         for u in range(t + 1, count):
             if shell[u] != shell[t] or low[u, 0] > high[t, 0]:
@@ -185,10 +185,10 @@ def self_intersections_kernel(  # type: ignore[no-untyped-def]
             if low[u, 2] > high[t, 2] or low[t, 2] > high[u, 2]:
                 continue
             if triangles_meet_kernel(corners[t], corners[u], numbers[t], numbers[u]):
-                found.append((min(face[t], face[u]), max(face[t], face[u])))
-    pairs = np.empty((len(found) - 1, 2), np.int64)
-    for k in range(1, len(found)):
-        pairs[k - 1, 0], pairs[k - 1, 1] = found[k]
+                meetings.append((min(face[t], face[u]), max(face[t], face[u])))
+    pairs = np.empty((len(meetings) - 1, 2), np.int64)
+    for k in range(1, len(meetings)):
+        pairs[k - 1, 0], pairs[k - 1, 1] = meetings[k]
     return pairs
 
 
@@ -313,6 +313,6 @@ def enclosed_kernel(  # type: ignore[no-untyped-def]
             la, lb, lc = np.sqrt(dot(a, a)), np.sqrt(dot(b, b)), np.sqrt(dot(c, c))
             below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
             angle[n] += 2.0 * np.arctan2(volume, below)
-    for n, seen in enumerate(angle):
-        result[n] = 0 if np.isnan(seen) else (1 if abs(seen) > 2.0 * np.pi else -1)
+    for n, solid_angle in enumerate(angle):
+        result[n] = 0 if np.isnan(solid_angle) else (1 if abs(solid_angle) > 2.0 * np.pi else -1)
     return result

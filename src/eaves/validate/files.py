@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.formats.models.cityjson_read import system_of_head
-from eaves.model import Finding
-from eaves.validate.boundaries import FINEST_STEP, Integers
+from eaves.model import Finding, Integers, Values
+from eaves.validate.boundaries import FINEST_STEP
 from eaves.validate.codes import make_finding
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives
 
@@ -46,8 +45,8 @@ FARTHEST = 2.0**52
 class Grid:
     """The grid coordinates are written on: place = written · scale + translate (m), in units of `step` m."""
 
-    scale: NDArray[np.float64]
-    translate: NDArray[np.float64]
+    scale: Values
+    translate: Values
     step: float = FINEST_STEP
 
     def places(self, written: Any) -> Integers:
@@ -149,28 +148,28 @@ def _documents(path: Path, findings: list[Finding]) -> Iterator[Any]:
     """The JSON values of a file: one over all its lines, or one a line; repeated keys go to the findings."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        whole = dict(pairs)
-        if len(whole) < len(pairs):
-            seen: set[str] = set()
-            again = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        document = dict(pairs)
+        if len(document) < len(pairs):
+            keys: set[str] = set()
+            again = next(key for key, _ in pairs if key in keys or keys.add(key))  # type: ignore[func-returns-value]
             findings.append(make_finding(914, "", "file", f"an object has two members {again!r}"))
-        return whole
+        return document
 
     decoder = json.JSONDecoder(object_pairs_hook=unique)
     with path.open(encoding="utf-8-sig") as file:
         first = file.readline()
-        known = len(findings)
+        count = len(findings)
         try:
             yield decoder.decode(first)
         except json.JSONDecodeError:
-            del findings[known:]  # of the piece that was read
+            del findings[count:]  # of the piece that was read
             yield decoder.decode(first + file.read())
         for line in file:
             if line.strip():
                 yield decoder.decode(line)
 
 
-def _unit_m(head: dict[str, Any], path: Path) -> NDArray[np.float64]:
+def _unit_m(head: dict[str, Any], path: Path) -> Values:
     """Metres a unit of x, y and z; 1 where the file states no system that is known."""
     try:
         return np.array(system_of_head(head, path).unit_m)
@@ -178,7 +177,7 @@ def _unit_m(head: dict[str, Any], path: Path) -> NDArray[np.float64]:
         return np.ones(3)
 
 
-def _grid(head: dict[str, Any], unit_m: NDArray[np.float64]) -> Grid:
+def _grid(head: dict[str, Any], unit_m: Values) -> Grid:
     """The grid a document's transform states; coordinates as they stand when it has none."""
     transform = head.get("transform")
     if transform is None:
@@ -193,8 +192,8 @@ def _grid(head: dict[str, Any], unit_m: NDArray[np.float64]) -> Grid:
         raise ValueError("the scale of its transform is not positive")
     scale, translate = scale * unit_m, translate * unit_m
     step = max(float(scale.min()), FINEST_STEP)
-    whole = np.allclose(scale / step, np.rint(scale / step), rtol=0, atol=1e-9)
-    return Grid(scale, translate, step if whole else FINEST_STEP)
+    multiples = np.allclose(scale / step, np.rint(scale / step), rtol=0, atol=1e-9)
+    return Grid(scale, translate, step if multiples else FINEST_STEP)
 
 
 PLAIN = Grid(np.ones(3), np.zeros(3))
@@ -217,13 +216,13 @@ def _check_batch(documents: Iterable[Any], grid: Grid, tolerances: Tolerances | 
             findings.append(make_finding(901, str(document.get("id", "")), "vertices", str(error)))
             continue
         for name, item in document["CityObjects"].items():
-            for found in _object_primitives(
+            for entry in _object_primitives(
                 name, item, len(places), count, family_of(name, document["CityObjects"])
             ):
-                if isinstance(found, Finding):
-                    findings.append(found)
+                if isinstance(entry, Finding):
+                    findings.append(entry)
                 else:
-                    primitives.append(found)
+                    primitives.append(entry)
         vertices.append(places)
         count += len(places)
     if not primitives:
@@ -243,9 +242,9 @@ def _check_templates(head: dict[str, Any], tolerances: Tolerances | None) -> lis
     except ValueError as error:
         return [make_finding(901, "", "geometry-templates", str(error))]
     item = {"geometry": templates.get("templates", [])}
-    found = list(_object_primitives("geometry-templates", item, len(places), 0))
-    findings = [one for one in found if isinstance(one, Finding)]
-    primitives = [one for one in found if isinstance(one, ReadPrimitive)]
+    entries = list(_object_primitives("geometry-templates", item, len(places), 0))
+    findings = [entry for entry in entries if isinstance(entry, Finding)]
+    primitives = [entry for entry in entries if isinstance(entry, ReadPrimitive)]
     alone = [ReadPrimitive(p.building, f"{k}", p.lod, p.type, p.solids) for k, p in enumerate(primitives)]
     return findings + check_primitives(alone, places, PLAIN.step, tolerances)
 

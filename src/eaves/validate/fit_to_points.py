@@ -91,13 +91,13 @@ def fit_to_points(model: BuildingModel, points: Points, lod: str | None = None) 
     hit = np.isfinite(distance)
     if not hit.any():
         return Fit(len(roof), 1.0, float("nan"), MISSED_RMSE, 0.0, 0.0, 0.0)
-    near = np.where(hit, distance, np.inf)
+    reach = np.where(hit, distance, np.inf)
     return Fit(
         len(roof),
         float(1.0 - hit.mean()),
         float(np.median(distance[hit])),
         float(np.sqrt(np.mean(distance[hit] ** 2))),
-        *(float((near < limit).mean()) for limit in (0.1, 0.2, 0.5)),
+        *(float((reach < limit).mean()) for limit in (0.1, 0.2, 0.5)),
     )
 
 

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import BuildingModel, Finding
+from eaves.model import BuildingModel, Finding, Integers
 from eaves.model.checks import check_type
 from eaves.validate.boundaries import to_grid
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives, find_defects
@@ -61,24 +60,27 @@ def find_invalid(models: Sequence[BuildingModel], tolerances: Tolerances | None 
     vertices = [np.zeros((0, 3), np.int64)]
     count = 0
     for number, model in enumerate(models):
-        own, places = primitives_of(model, count)
-        primitives += [replace(one, family=str(number)) for one in own]
+        geometries, places = primitives_of(model, count)
+        primitives += [replace(geometry, family=str(number)) for geometry in geometries]
         vertices.append(places)
         count += len(places)
     defects = find_defects(primitives, np.concatenate(vertices), COORDINATE_STEP, tolerances)
     return sorted({int(primitives[number].family) for number, _ in defects})
 
 
-def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[ReadPrimitive], NDArray[np.int64]]:
+def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[ReadPrimitive], Integers]:
     """The solids of a model, and their vertices (V, 3) in whole steps, which are counted from `first`."""
     primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], first
-    own = [
+    solids = [
         (lod, "" if len(parts) == 1 else f"/{number}", solid)
         for lod, parts in sorted(model.solids.items())
         for number, solid in enumerate(parts)
     ]
-    own += [(model.lod, f"/i{number}", one.solid) for number, one in enumerate(model.installations, 1)]
-    for lod, suffix, solid in own:
+    solids += [
+        (model.lod, f"/i{number}", installation.solid)
+        for number, installation in enumerate(model.installations, 1)
+    ]
+    for lod, suffix, solid in solids:
         name = f"{model.footprint.id}{suffix}"
         if not np.isfinite(solid.vertices).all():
             raise ValueError(f"building '{name}' at lod {lod} has a vertex that is not finite")

@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.model import Mask, Values
-from eaves.validate.boundaries import Boundaries, Integers
+from eaves.model import Integers, Mask, Values
+from eaves.validate.boundaries import Boundaries
 
 REASONS = (
     ("Self-intersection", 201),
@@ -68,9 +68,9 @@ def on_planes(boundaries: Boundaries, planes: FacePlanes) -> NDArray[np.float64]
 
 def faces_with(boundaries: Boundaries, points: Mask) -> Mask:
     """The faces (F,) that have one of some points (P,)."""
-    found = np.zeros(boundaries.face_count, bool)
-    found[boundaries.face_of_point[points]] = True
-    return found
+    faces = np.zeros(boundaries.face_count, bool)
+    faces[boundaries.face_of_point[points]] = True
+    return faces
 
 
 def shadow_axes(planes: FacePlanes) -> Integers:
@@ -117,7 +117,7 @@ def why_invalid(polygon: shapely.Polygon) -> tuple[int, str]:
         if not shapely.is_valid(shapely.Polygon(ring)):
             return 104, "a ring crosses or touches itself, or is collapsed to a line"
     rings = [{tuple(point) for point in ring.coords} for ring in (polygon.exterior, *polygon.interiors)]
-    if any(one == two for one, two in combinations(rings, 2)):
+    if any(candidate == rival for candidate, rival in combinations(rings, 2)):
         return 202, "two rings are identical"
     reason = str(shapely.is_valid_reason(polygon))
     return next((code for text, code in REASONS if text in reason), 201), reason.split("[")[0]
@@ -195,8 +195,8 @@ def normal_deviations(triangles: Triangles, face_count: int) -> Values:
     a, b, c = (triangles.corners[:, k].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1)
-    whole = length > 0
-    normal, face = normal[whole] / length[whole, None], triangles.face[whole]
+    proper = length > 0
+    normal, face = normal[proper] / length[proper, None], triangles.face[proper]
     size = np.bincount(face, minlength=face_count)
     start = np.concatenate([[0], np.cumsum(size)[:-1]])
     smallest = np.ones(face_count)

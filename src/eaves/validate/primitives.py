@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from eaves.geometry.tolerance import PLANARITY, SNAP
-from eaves.model import Finding, Mask
-from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Integers, Shell, lay_flat
+from eaves.model import Finding, Integers, Mask
+from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Shell, lay_flat
 from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
     FALL_TOGETHER,
@@ -117,7 +117,7 @@ def find_defects(
     if owners:
         boundaries = lay_flat([primitives[n].solids[o][s] for n, o, s in owners], vertices, step, limits.snap)
         findings += _check(primitives, owners, boundaries, limits)
-    return sorted(findings, key=lambda found: found[0])
+    return sorted(findings, key=lambda entry: entry[0])
 
 
 def _check(
@@ -250,10 +250,10 @@ def _check_solids(
                 for code, text in defects
             ]
     for (family, lod), members in families.items():
-        for one, two in combinations(members, 2):
-            if any(solids_overlap(*_about_one_origin([a, b])) for a in usable[one] for b in usable[two]):
-                names = f"'{primitives[one].building}' and '{primitives[two].building}'"
-                findings.append((one, make_finding(601, family, f"lod {lod}", f"{names} overlap")))
+        for first, second in combinations(members, 2):
+            if any(solids_overlap(*_about_one_origin([a, b])) for a in usable[first] for b in usable[second]):
+                names = f"'{primitives[first].building}' and '{primitives[second].building}'"
+                findings.append((first, make_finding(601, family, f"lod {lod}", f"{names} overlap")))
     return findings
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.validate.boundaries import Boundaries, Integers
+from eaves.model import Integers
+from eaves.validate.boundaries import Boundaries
 from eaves.validate.exact import self_intersections_kernel
 from eaves.validate.polygons import Triangles
 
@@ -69,18 +70,20 @@ def check_shells(
     chosen &= ~few
     edges = collect_edges(boundaries)
     for check in (_edge_defects, _gaps_and_pieces):
-        found = list(check(boundaries, edges, chosen))
-        chosen[[defect.shell for defect in found]] = False
-        defects += found
+        faults = list(check(boundaries, edges, chosen))
+        chosen[[defect.shell for defect in faults]] = False
+        defects += faults
     part = chosen[boundaries.shell_of_face[triangles.face]]
-    whole = Triangles(triangles.numbers[part], triangles.corners[part], triangles.face[part])
-    found = list(_split_umbrellas(boundaries, whole))
-    chosen[[defect.shell for defect in found]] = False
-    part = chosen[boundaries.shell_of_face[whole.face]]
-    found += _self_intersections(
-        boundaries, Triangles(whole.numbers[part], whole.corners[part], whole.face[part]), corner
+    candidates = Triangles(triangles.numbers[part], triangles.corners[part], triangles.face[part])
+    faults = list(_split_umbrellas(boundaries, candidates))
+    chosen[[defect.shell for defect in faults]] = False
+    part = chosen[boundaries.shell_of_face[candidates.face]]
+    faults += _self_intersections(
+        boundaries,
+        Triangles(candidates.numbers[part], candidates.corners[part], candidates.face[part]),
+        corner,
     )
-    return defects + found
+    return defects + faults
 
 
 def _edge_defects(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -> Iterator[ShellDefect]:
@@ -106,11 +109,11 @@ def _turned_faces(boundaries: Boundaries, edges: Edges, shell: int) -> list[int]
     sides = sides[np.argsort(edges.of_side[sides], kind="stable")]
     edge = edges.of_side[sides]
     pair = np.flatnonzero(edge[1:] == edge[:-1])
-    one, two = (boundaries.face_of_point[sides[pair + k]] - first for k in (0, 1))
+    earlier, later = (boundaries.face_of_point[sides[pair + k]] - first for k in (0, 1))
     alike = edges.runs_forward[sides[pair]] != edges.runs_forward[sides[pair + 1]]
     count = int(last - first)
-    ahead, back = np.where(alike, two, two + count), np.where(alike, two + count, two)
-    side = connected_groups_kernel(np.append(one, one + count), np.append(ahead, back), 2 * count)
+    ahead, back = np.where(alike, later, later + count), np.where(alike, later + count, later)
+    side = connected_groups_kernel(np.append(earlier, earlier + count), np.append(ahead, back), 2 * count)
     like, unlike = (np.bincount(side[:count], minlength=2 * count)[half] for half in side.reshape(2, -1))
     wrong = (like < unlike) | ((like == unlike) & (side[:count] > side[count:]))
     return [int(first + face) for face in np.flatnonzero(wrong)]
@@ -120,9 +123,9 @@ def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -
     """Shells in several pieces (305), and edges with one face only (302)."""
     order = np.argsort(edges.of_side, kind="stable")
     same = np.flatnonzero(edges.of_side[order][1:] == edges.of_side[order][:-1])
-    one, two = boundaries.face_of_point[order[same]], boundaries.face_of_point[order[same + 1]]
+    first, second = boundaries.face_of_point[order[same]], boundaries.face_of_point[order[same + 1]]
     count = boundaries.face_count
-    piece = connected_groups_kernel(one, two, count)
+    piece = connected_groups_kernel(first, second, count)
     pieces = np.unique(np.stack([boundaries.shell_of_face, piece], axis=1), axis=0)
     number = np.bincount(pieces[:, 0], minlength=boundaries.shell_count)
     touching = _pieces_that_touch(boundaries, piece)
@@ -132,9 +135,11 @@ def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -
     gaps = np.flatnonzero((chosen & ~apart)[edges.shell] & (edges.forward + edges.backward == 1))
     open_shells = np.unique(edges.shell[gaps])
     for shell in open_shells:
-        mine = gaps[edges.shell[gaps] == shell]
-        place = _place(boundaries, edges.ends[mine[0], 0])
-        yield ShellDefect(302, int(shell), -1, f"{len(mine)} edges with one polygon only, one at {place}")
+        open_edges = gaps[edges.shell[gaps] == shell]
+        place = _place(boundaries, edges.ends[open_edges[0], 0])
+        yield ShellDefect(
+            302, int(shell), -1, f"{len(open_edges)} edges with one polygon only, one at {place}"
+        )
     for shell in np.setdiff1d(np.flatnonzero(chosen & (number > 1) & touching), open_shells):
         yield ShellDefect(303, int(shell), -1, f"{number[shell]} pieces that touch in a vertex")
 
@@ -162,8 +167,8 @@ def _split_umbrellas(boundaries: Boundaries, triangles: Triangles) -> Iterator[S
     keys = np.vstack([leaving, arriving])
     order = np.lexsort(keys.T[::-1])
     same = np.flatnonzero((keys[order][1:] == keys[order][:-1]).all(axis=1))
-    one, two = order[same] % (3 * count), order[same + 1] % (3 * count)
-    umbrella = connected_groups_kernel(one, two, 3 * count)
+    first, second = order[same] % (3 * count), order[same + 1] % (3 * count)
+    umbrella = connected_groups_kernel(first, second, 3 * count)
     rows = np.unique(np.stack([shell, here, umbrella], axis=1), axis=0)
     again = np.flatnonzero((rows[1:, :2] == rows[:-1, :2]).all(axis=1))
     for owner, vertex in np.unique(rows[again, :2], axis=0):
@@ -184,12 +189,12 @@ def _self_intersections(boundaries: Boundaries, triangles: Triangles, corner: In
         axis=0,
     )
     defects = []
-    for one, two in pairs:
-        mine = triangles.of_faces(one, one + 1).corners.reshape(-1, 3)
-        owner = int(boundaries.shell_of_face[one])
-        place = _written((mine.mean(axis=0) + corner[owner]) * boundaries.step)
-        detail = f"it meets polygon {two - boundaries.shells[owner]}, near {place}"
-        defects.append(ShellDefect(306, owner, int(one), detail))
+    for face, rival in pairs:
+        corners = triangles.of_faces(face, face + 1).corners.reshape(-1, 3)
+        owner = int(boundaries.shell_of_face[face])
+        place = _written((corners.mean(axis=0) + corner[owner]) * boundaries.step)
+        detail = f"it meets polygon {rival - boundaries.shells[owner]}, near {place}"
+        defects.append(ShellDefect(306, owner, int(face), detail))
     return defects
 
 

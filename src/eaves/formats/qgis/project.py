@@ -100,7 +100,7 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
 
 def _xml_text(tag: str, attributes: Iterable[Mapping[str, str]]) -> str:
     """Elements without content as text."""
-    return "".join(tostring(Element(tag, dict(one)), "unicode") for one in attributes)
+    return "".join(tostring(Element(tag, dict(element)), "unicode") for element in attributes)
 
 
 def _look(footprints: Path) -> tuple[tuple[float, ...], dict[str, list[str]], float]:
@@ -110,13 +110,15 @@ def _look(footprints: Path) -> tuple[tuple[float, ...], dict[str, list[str]], fl
         columns = {
             layer: [row[1] for row in database.execute(f'PRAGMA table_info("{layer}")')] for layer in named
         }
-        found = database.execute(
+        extent_row = database.execute(
             "SELECT min_x, min_y, max_x, max_y FROM gpkg_contents WHERE table_name = 'footprints'"
         ).fetchone()
         ground = 0.0
         if "h_ground" in columns["footprints"]:
             ground = database.execute("SELECT avg(h_ground) FROM footprints").fetchone()[0] or 0.0
-    extent = (0.0, 0.0, 1.0, 1.0) if found is None or None in found else tuple(map(float, found))
+    extent = (
+        (0.0, 0.0, 1.0, 1.0) if extent_row is None or None in extent_row else tuple(map(float, extent_row))
+    )
     fields = {
         layer: [name for name in names if name not in ("fid", named[layer])]
         for layer, names in columns.items()
@@ -208,21 +210,21 @@ def _reference(system: CoordinateSystem) -> str:
 
 
 def _as_element(layer: _ProjectLayer, system: CoordinateSystem) -> Element:
-    made = Element("maplayer", type="vector" if layer.kind == "ogr" else "raster")
+    element = Element("maplayer", type="vector" if layer.kind == "ogr" else "raster")
     if layer.kind == "ogr":
-        made.set("geometry", "Polygon")
-    SubElement(made, "id").text = layer.id
-    SubElement(made, "datasource").text = layer.source
-    SubElement(made, "layername").text = layer.name
-    made.append(fromstring(f"<srs>{_reference(system)}</srs>"))
-    SubElement(made, "provider", encoding="UTF-8").text = layer.kind
-    manager = SubElement(made, "map-layer-style-manager", current="default")
+        element.set("geometry", "Polygon")
+    SubElement(element, "id").text = layer.id
+    SubElement(element, "datasource").text = layer.source
+    SubElement(element, "layername").text = layer.name
+    element.append(fromstring(f"<srs>{_reference(system)}</srs>"))
+    SubElement(element, "provider", encoding="UTF-8").text = layer.kind
+    manager = SubElement(element, "map-layer-style-manager", current="default")
     SubElement(manager, "map-layer-style", name="default")
     for style in layer.styles[1:]:
-        kept = SubElement(manager, "map-layer-style", name=style.name)
-        kept.append(style.root())
-    made.extend(layer.elements)
-    return made
+        entry = SubElement(manager, "map-layer-style", name=style.name)
+        entry.append(style.root())
+    element.extend(layer.elements)
+    return element
 
 
 def _themes(layers: Sequence[_ProjectLayer]) -> str:
@@ -257,7 +259,7 @@ def _view_in_3d(
         **{name: f"{value:.3f}" for name, value in sides},
         "x": f"{0.5 * (west + east):.3f}",
         "y": f"{0.5 * (south + north):.3f}",
-        "draped": _xml_text("layer", ({"id": one} for one in draped)),
+        "draped": _xml_text("layer", ({"id": layer_id} for layer_id in draped)),
         "generator": _xml_text("generator", [relief or {"type": "flat"}]),
         "offset": "0" if heights else f"{ground / upright:.3f}",
         "ground": f"{ground / upright:.3f}",

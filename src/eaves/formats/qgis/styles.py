@@ -33,9 +33,9 @@ class Style:
 
     def root(self) -> Element:
         """The style as the element that a document has, and a project that keeps it."""
-        made = Element("qgis", version=VERSION, styleCategories="AllStyleCategories")
-        made.extend(self.elements)
-        return made
+        element = Element("qgis", version=VERSION, styleCategories="AllStyleCategories")
+        element.extend(self.elements)
+        return element
 
     def as_qml(self) -> str:
         """The style as a QML document."""
@@ -60,9 +60,9 @@ def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem) -> l
         beside.append(Element("mapTip"))
         beside[-1].text = about["tip"]
     return [
-        Style(one["name"], one["meaning"], (renderer_of(one, system), *beside))
-        for one in about["styles"]
-        if one.get("needs") in (None, *columns) and one.get("unless") not in columns
+        Style(style["name"], style["meaning"], (renderer_of(style, system), *beside))
+        for style in about["styles"]
+        if style.get("needs") in (None, *columns) and style.get("unless") not in columns
     ]
 
 
@@ -71,14 +71,14 @@ def renderer_of(style: dict[str, Any], system: CoordinateSystem) -> Element:
     if "by" in style:
         return classified(style["by"], style["classes"])
     unit = f"{unit_lengths(system)[0]:.9g}"
-    layers = [{**one, "shape": one.get("shape", "").replace("{unit}", unit)} for one in style["layers"]]
+    layers = [{**layer, "shape": layer.get("shape", "").replace("{unit}", unit)} for layer in style["layers"]]
     return single(layers, style.get("farthest"))
 
 
 def aliases(columns: Sequence[str]) -> Element:
     """The names that QGIS shows for the columns."""
-    made = Element("aliases")
+    element = Element("aliases")
     for number, name in enumerate(columns, 1):  # 0 is the feature's number
         label = COLUMNS[name].label if name in COLUMNS else ""
-        SubElement(made, "alias", index=str(number), field=name, name=label)
-    return made
+        SubElement(element, "alias", index=str(number), field=name, name=label)
+    return element

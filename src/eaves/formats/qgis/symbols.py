@@ -23,10 +23,10 @@ def data_defined(parent: Element, tag: str, expressions: Mapping[str, str]) -> N
     SubElement(options, "Option", type="QString", name="name", value="")
     properties = SubElement(options, "Option", type="Map", name="properties")
     for name, expression in expressions.items():
-        one = SubElement(properties, "Option", type="Map", name=name)
-        SubElement(one, "Option", type="bool", name="active", value="true")
-        SubElement(one, "Option", type="QString", name="expression", value=expression)
-        SubElement(one, "Option", type="int", name="type", value=FROM_EXPRESSION)
+        option = SubElement(properties, "Option", type="Map", name=name)
+        SubElement(option, "Option", type="bool", name="active", value="true")
+        SubElement(option, "Option", type="QString", name="expression", value=expression)
+        SubElement(option, "Option", type="int", name="type", value=FROM_EXPRESSION)
     SubElement(options, "Option", type="QString", name="type", value="collection")
 
 
@@ -69,15 +69,15 @@ def symbol_layer(
 
 def symbol(name: str, layers: Sequence[Element]) -> Element:
     """A fill symbol of layers drawn in this order."""
-    made = Element("symbol", type="fill", name=name, alpha="1", clip_to_extent="1", force_rhr="0")
-    made.extend(layers)
-    return made
+    element = Element("symbol", type="fill", name=name, alpha="1", clip_to_extent="1", force_rhr="0")
+    element.extend(layers)
+    return element
 
 
 def single(layers: Sequence[Mapping[str, Any]], farthest: str | None = None) -> Element:
     """One symbol for all features, drawn by falling values of an expression where one is given."""
     renderer = Element("renderer-v2", type="singleSymbol", symbollevels="0", forceraster="0")
-    SubElement(renderer, "symbols").append(symbol("0", [symbol_layer(**one) for one in layers]))
+    SubElement(renderer, "symbols").append(symbol("0", [symbol_layer(**layer) for layer in layers]))
     renderer.set("enableorderby", "1" if farthest else "0")
     if farthest:
         clause = SubElement(SubElement(renderer, "orderby"), "orderByClause", asc="0", nullsFirst="0")
@@ -94,13 +94,17 @@ def classified(by: str, classes: Sequence[Mapping[str, Any]]) -> Element:
         renderer.set("graduatedMethod", "GraduatedColor")
     listed = SubElement(renderer, "ranges" if ranged else "categories")
     symbols = SubElement(renderer, "symbols")
-    for number, one in enumerate(classes):
+    for number, grade in enumerate(classes):
         if ranged:
-            entry = SubElement(listed, "range", lower=f"{one['low']:.6f}", upper=f"{one['high']:.6f}")
+            entry = SubElement(listed, "range", lower=f"{grade['low']:.6f}", upper=f"{grade['high']:.6f}")
         else:
-            entry = SubElement(listed, "category", value=one["value"], type="string")
-        entry.attrib |= {"label": one.get("label", one.get("value")), "symbol": str(number), "render": "true"}
-        drawn = {name: one[name] for name in ("fill", "edge", "width", "pattern") if name in one}
+            entry = SubElement(listed, "category", value=grade["value"], type="string")
+        entry.attrib |= {
+            "label": grade.get("label", grade.get("value")),
+            "symbol": str(number),
+            "render": "true",
+        }
+        drawn = {name: grade[name] for name in ("fill", "edge", "width", "pattern") if name in grade}
         symbols.append(symbol(str(number), [symbol_layer(**drawn)]))
     return renderer
 
@@ -112,9 +116,9 @@ def raised_polygons(
     (`extrusionHeight`) them, `tint` is an expression of their colour."""
     renderer = Element("renderer-3d", type="vector", layer="")
     SubElement(renderer, "vector-layer-3d-tiling", {"zoom-levels-count": "3", "show-bounding-boxes": "0"})
-    made = SubElement(renderer, "symbol", type="polygon", material_type="phong")
+    element = SubElement(renderer, "symbol", type="polygon", material_type="phong")
     SubElement(
-        made,
+        element,
         "data",
         {
             "alt-clamping": "absolute",
@@ -129,12 +133,12 @@ def raised_polygons(
     )
     *parts, opaque = rgba(colour).split(",")
     ambient = ",".join([*(str(int(float(part) * 0.35)) for part in parts), opaque])
-    material = SubElement(made, "material", diffuse=rgba(colour), ambient=ambient)
+    material = SubElement(element, "material", diffuse=rgba(colour), ambient=ambient)
     material.set("specular", rgba("#101010"))
     material.set("shininess", "0")
     if tint:
         dark = f"darker({tint}, 260)"
         data_defined(material, "data-defined-properties", {"diffuse": tint, "ambient": dark})
-    data_defined(made, "data-defined-properties", expressions or {})
-    SubElement(made, "edges", enabled="0", width="1", color=rgba("#000000"))
+    data_defined(element, "data-defined-properties", expressions or {})
+    SubElement(element, "edges", enabled="0", width="1", color=rgba("#000000"))
     return renderer

@@ -71,13 +71,15 @@ class Columns:
 
     def __iter__(self) -> Iterator[Row]:
         for row in self.rows:
-            own = row.attributes
+            attributes = row.attributes
             if self.details:
-                yield Row(None, {name: own.get(name) for name in LAYERS["attributes"] if name in own})
+                yield Row(
+                    None, {name: attributes.get(name) for name in LAYERS["attributes"] if name in attributes}
+                )
             else:
-                first = {name: own[name] for name in LAYERS["footprints"] if name in own}
-                rest = {name: value for name, value in own.items() if name not in DETAILS}
-                yield Row(row.geometry, first | rest)
+                first = {name: attributes[name] for name in LAYERS["footprints"] if name in attributes}
+                remainder = {name: value for name, value in attributes.items() if name not in DETAILS}
+                yield Row(row.geometry, first | remainder)
 
 
 def write_geopackage(
@@ -130,8 +132,8 @@ def write_geopackage(
     layers: dict[str, Iterable[Row]] = {"footprints": Columns(footprints, False), "roof_planes": roof_planes}
     if any(DETAILS & row.attributes.keys() for row in footprints):
         layers["attributes"] = Columns(footprints, True)
-    others = {"review": review, "doubts": doubts}
-    layers |= {layer: rows for layer, rows in others.items() if list(islice(rows, 1))}
+    lists = {"review": review, "doubts": doubts}
+    layers |= {layer: rows for layer, rows in lists.items() if list(islice(rows, 1))}
     write_layers(path, layers, system, provenance)
 
 
@@ -159,7 +161,7 @@ def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
     """
     if not path.exists():
         raise InputError.about(path, "does not exist", "give a folder that `eaves build` wrote")
-    if layer not in [one.name for one in list_vector_layers(path)]:
+    if layer not in [entry.name for entry in list_vector_layers(path)]:
         return []
     meta, _, wkb, columns = _read_layer(path, layer, None, None)
     shapes = shapely.transform(shapely.from_wkb(wkb), lambda xyz: xyz * system.unit_m, include_z=True)
@@ -195,9 +197,9 @@ def write_polygons(
     with atomic(path) as temporary:
         _write_layer(temporary, rows, system, DRIVERS[suffix], layer, provenance)
         if suffix == ".kml" and provenance:  # the driver has no place for it
-            head, start, rest = temporary.read_text("utf-8").partition("<Schema")
-            words = f"<description>{escape(provenance.sentence)}</description>\n"
-            temporary.write_text(head + words + start + rest, "utf-8")
+            head, start, tail = temporary.read_text("utf-8").partition("<Schema")
+            description = f"<description>{escape(provenance.sentence)}</description>\n"
+            temporary.write_text(head + description + start + tail, "utf-8")
 
 
 def read_polygons(
@@ -271,18 +273,18 @@ def read_polygons(
         raise InputError.about(
             path, f"holds {', '.join(sorted(kinds))} and must hold polygons", "choose another layer or file"
         )
-    kept = [n for n, shape in enumerate(shapes) if _is_placed(shape)]
+    placed = [n for n, shape in enumerate(shapes) if _is_placed(shape)]
     if keep_all:
-        shapes[[n for n in range(len(shapes)) if n not in set(kept)]] = Polygon()
-        kept = list(range(len(shapes)))
-    if len(kept) < len(shapes):
-        log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
-    polygons, system = _shapes_in_metres(path, shapes[kept], meta["crs"], target)
-    attributes = plain_rows(meta, columns, kept)
+        shapes[[n for n in range(len(shapes)) if n not in set(placed)]] = Polygon()
+        placed = list(range(len(shapes)))
+    if len(placed) < len(shapes):
+        log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(placed))
+    polygons, system = _shapes_in_metres(path, shapes[placed], meta["crs"], target)
+    attributes = plain_rows(meta, columns, placed)
     if layer == "footprints":
         details = read_details(path)
         attributes = [row | details.get(row.get("id"), {}) for row in attributes]
-    ids = [str(row[id_field] if id_field else number[n]) for n, row in zip(kept, attributes, strict=True)]
+    ids = [str(row[id_field] if id_field else number[n]) for n, row in zip(placed, attributes, strict=True)]
     return polygons, ids, attributes, system
 
 
@@ -338,8 +340,8 @@ def read_table(path: Path, layer: str, columns: Sequence[str] | None) -> list[di
     import pyogrio.raw
 
     with _opened_vector(path) as (safe, _):
-        wanted = None if columns is None else list(columns)
-        meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=wanted, read_geometry=False)
+        fields = None if columns is None else list(columns)
+        meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=fields, read_geometry=False)
     return plain_rows(meta, values, range(len(values[0]) if len(values) else 0))
 
 
@@ -421,13 +423,13 @@ def _box_in(
         return None
     unit = 1.0 if target is None else target.horizontal_unit_m
     box = (within.west / unit, within.south / unit, within.east / unit, within.north / unit)
-    wanted = None if target is None else horizontal_crs(target)
-    if crs is None or wanted is None:
+    target_crs = None if target is None else horizontal_crs(target)
+    if crs is None or target_crs is None:
         return box
     from pyproj import Transformer
 
     source = parse_crs(crs, path)
-    west, south, east, north = Transformer.from_crs(wanted, source, always_xy=True).transform_bounds(*box)
+    west, south, east, north = Transformer.from_crs(target_crs, source, always_xy=True).transform_bounds(*box)
     margin = BOX_MARGIN * max(east - west, north - south)
     return west - margin, south - margin, east + margin, north + margin
 
@@ -457,12 +459,12 @@ def _shapes_in_metres(
     path: Path, shapes: NDArray[np.object_], crs: str | None, target: CoordinateSystem | None
 ) -> tuple[list[Polygon | MultiPolygon], CoordinateSystem]:
     source = parse_crs(crs, path) if crs else None
-    wanted = horizontal_crs(target) if target is not None else None
-    if source is not None and wanted is not None:
+    target_crs = horizontal_crs(target) if target is not None else None
+    if source is not None and target_crs is not None:
         from pyproj import Transformer
 
-        if not source.equals(wanted, ignore_axis_order=True):
-            move = Transformer.from_crs(source, wanted, always_xy=True).transform
+        if not source.equals(target_crs, ignore_axis_order=True):
+            move = Transformer.from_crs(source, target_crs, always_xy=True).transform
             shapes = shapely.transform(shapes, lambda xy: np.column_stack(move(xy[:, 0], xy[:, 1])))
             if not np.isfinite(shapely.get_coordinates(shapes)).all():
                 assert target is not None

@@ -77,8 +77,8 @@ def write_geoparquet(
     columns["bbox"] = pyarrow.StructArray.from_arrays(boxes, names)
     columns["geometry"] = pyarrow.array(list(shapely.to_wkb(shapes)), pyarrow.binary())
     about = geo_metadata(shapes, corners, system)
-    known = {name.encode(): text.encode() for name, text in provenance.tags.items()}
-    table = pyarrow.table(columns).replace_schema_metadata({b"geo": json.dumps(about).encode(), **known})
+    tags = {name.encode(): text.encode() for name, text in provenance.tags.items()}
+    table = pyarrow.table(columns).replace_schema_metadata({b"geo": json.dumps(about).encode(), **tags})
     with atomic(path) as temporary:
         pyarrow.parquet.write_table(table, temporary, compression="zstd", row_group_size=ROWS_A_GROUP)
 
@@ -180,11 +180,11 @@ def opened_parquet(path: Path) -> Iterator[tuple[Any, dict[str, Any], str | None
             column = about["columns"][about["primary_column"]]
             if column["encoding"] != "WKB" or about["primary_column"] not in file.schema_arrow.names:
                 raise refusal
-            stated = column.get("crs", DEGREES)
+            crs = column.get("crs", DEGREES)
             yield (
                 file,
                 about,
-                None if stated is None else stated if isinstance(stated, str) else json.dumps(stated),
+                None if crs is None else crs if isinstance(crs, str) else json.dumps(crs),
             )
     except (pyarrow.ArrowException, KeyError, TypeError, ValueError, OSError) as error:
         if isinstance(error, InputError):

@@ -87,8 +87,8 @@ def plain_geojson(path: Path) -> dict[str, object]:
         raise InputError.about(path, "is not a vector file that can be read", REMEDY) from None
     if not isinstance(document, dict) or document.get("type") not in GEOJSON_TYPES:
         raise InputError.about(path, "is JSON, but no GeoJSON", REMEDY)
-    kept = ("type", "features", "crs", "name", "geometry", "properties", "coordinates", "geometries", "id")
-    return {key: document[key] for key in kept if key in document}
+    members = ("type", "features", "crs", "name", "geometry", "properties", "coordinates", "geometries", "id")
+    return {key: document[key] for key in members if key in document}
 
 
 def refuse_virtual_tables(path: Path) -> None:
@@ -104,6 +104,8 @@ def refuse_virtual_tables(path: Path) -> None:
     except sqlite3.DatabaseError:
         raise InputError.about(path, "is not a vector file that can be read", REMEDY) from None
     for (text,) in rows:
-        made = re.match(r"\s*CREATE\s+VIRTUAL\s+TABLE\s.*?\sUSING\s+(\w+)", text, re.IGNORECASE | re.DOTALL)
-        if made is not None and not made[1].lower().startswith(("rtree", "fts")):
-            raise InputError.about(path, f"has a table that reads other files ({made[1]})", REMEDY)
+        statement = re.match(
+            r"\s*CREATE\s+VIRTUAL\s+TABLE\s.*?\sUSING\s+(\w+)", text, re.IGNORECASE | re.DOTALL
+        )
+        if statement is not None and not statement[1].lower().startswith(("rtree", "fts")):
+            raise InputError.about(path, f"has a table that reads other files ({statement[1]})", REMEDY)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from eaves.geometry.components import members
@@ -35,13 +34,13 @@ class Borders(NamedTuple):
 
     edges: Integers
     cost: Values
-    places: NDArray[np.float64]
-    planes: NDArray[np.float64]
+    places: Values
+    planes: Values
     least: float
     full: float
 
 
-def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) -> Integers:
+def label_nodes(data: Values, borders: Borders, label_cost: float) -> Integers:
     """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of labels used.
 
     `data` (N, L) is the cost of each label at each node. The nodes choose one after the other, those first
@@ -61,13 +60,13 @@ def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) 
 
 
 @inlined_kernel
-def border_kernel(borders: Borders, edge: int, one: int, other: int) -> Any:
+def border_kernel(borders: Borders, edge: int, first: int, second: int) -> Any:
     """The cost of an edge between two labels."""
-    if one == other or other == OUTSIDE:
+    if first == second or second == OUTSIDE:
         return 0.0
-    a = borders.planes[one, 0] - borders.planes[other, 0]
-    b = borders.planes[one, 1] - borders.planes[other, 1]
-    c = borders.planes[one, 2] - borders.planes[other, 2]
+    a = borders.planes[first, 0] - borders.planes[second, 0]
+    b = borders.planes[first, 1] - borders.planes[second, 1]
+    c = borders.planes[first, 2] - borders.planes[second, 2]
     jump, count, places = 0.0, borders.places.shape[1], borders.places
     for place in range(count):
         away = abs(places[edge, place, 0] * a + places[edge, place, 1] * b + c)
@@ -77,7 +76,7 @@ def border_kernel(borders: Borders, edge: int, one: int, other: int) -> Any:
 
 @kernel
 def settle_kernel(
-    data: NDArray[np.float64],
+    data: Values,
     borders: Borders,
     label_cost: float,
     around: Integers,
@@ -119,48 +118,48 @@ def settle_kernel(
             for seed in range(len(labels)):
                 if stamp[seed] >= begin:
                     continue
-                own, size = labels[seed], 1
+                current, size = labels[seed], 1
                 group[0], stamp[seed] = seed, turn
                 if kind == LABEL:
                     for node in range(seed + 1, len(labels)):
-                        if labels[node] == own and stamp[node] < begin:
+                        if labels[node] == current and stamp[node] < begin:
                             group[size], stamp[node] = node, turn
                             size += 1
-                done = 0
-                while kind == REGION and done < size:
-                    for place in range(first[group[done]], first[group[done] + 1]):
+                cursor = 0
+                while kind == REGION and cursor < size:
+                    for place in range(first[group[cursor]], first[group[cursor] + 1]):
                         edge = around[place]
-                        node = borders.edges[edge, 0] + borders.edges[edge, 1] - group[done]
-                        if labels[node] == own and stamp[node] < begin:
+                        node = borders.edges[edge, 0] + borders.edges[edge, 1] - group[cursor]
+                        if labels[node] == current and stamp[node] < begin:
                             group[size], stamp[node] = node, turn
                             size += 1
-                    done += 1
+                    cursor += 1
                 length = rim_kernel(borders.edges, around, first, group, size, stamp, rim)
-                latest = max(listed, changed[own])
+                latest = max(listed, changed[current])
                 for place in range(length):
                     latest = max(latest, moved[rim[place, 1]])
                 if latest <= stayed[kind, seed]:  # nothing that the costs follow from is another than then
                     turn += 1
                     continue
                 args = (data, borders, labels, group, size, rim, length)
-                whole = label_cost if uses[own] == size else 0.0
-                least, best = cost_kernel(*args, own, np.inf) + whole - LEAST_GAIN, own
+                label_price = label_cost if uses[current] == size else 0.0
+                least, best = cost_kernel(*args, current, np.inf) + label_price - LEAST_GAIN, current
                 for place in range(start[seed], start[seed + 1]):
                     label = may[place]
                     price = label_cost if uses[label] == 0 else 0.0
-                    if label != own and data[seed, label] < least - price:
+                    if label != current and data[seed, label] < least - price:
                         cost = price + cost_kernel(*args, label, least - price)
                         if cost < least:
                             least, best = cost, label
-                if best == own:
+                if best == current:
                     stayed[kind, seed] = turn
                 else:
                     settled = False
-                    if uses[best] == 0 or uses[own] == size:
+                    if uses[best] == 0 or uses[current] == size:
                         listed = turn
-                    uses[own] -= size
+                    uses[current] -= size
                     uses[best] += size
-                    changed[own] = changed[best] = turn
+                    changed[current] = changed[best] = turn
                     for member in range(size):
                         labels[group[member]], moved[group[member]] = best, turn
                 turn += 1
@@ -184,16 +183,16 @@ def rim_kernel(
     for member in range(size):
         node = group[member]
         for place in range(first[node], first[node + 1]):
-            other = edges[around[place], 0] + edges[around[place], 1] - node
-            if stamp[other] != turn:
-                rim[length, 0], rim[length, 1] = around[place], other
+            neighbour = edges[around[place], 0] + edges[around[place], 1] - node
+            if stamp[neighbour] != turn:
+                rim[length, 0], rim[length, 1] = around[place], neighbour
                 length += 1
     return length
 
 
 @kernel
 def cost_kernel(
-    data: NDArray[np.float64],
+    data: Values,
     borders: Borders,
     labels: Integers,
     group: Integers,
@@ -269,16 +268,16 @@ class PlaneReach:
     """
 
     roof: Points
-    planes: NDArray[np.float64]
+    planes: Values
     spacing: float
-    box: NDArray[np.float64]
+    box: Values
     lowest: float
 
 
 def plane_reach(
     roof: Points,
     labels: Labels,
-    planes: NDArray[np.float64],
+    planes: Values,
     spacing: float,
     ground: float,
     farthest: float,
@@ -289,17 +288,15 @@ def plane_reach(
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """
     box = np.full((len(planes), 4), np.inf)
-    for number, own in enumerate(members(labels, len(planes))):
-        if len(own):
-            box[number] = np.hstack([roof[own, :2].min(axis=0), -roof[own, :2].max(axis=0)])
+    for number, points in enumerate(members(labels, len(planes))):
+        if len(points):
+            box[number] = np.hstack([roof[points, :2].min(axis=0), -roof[points, :2].max(axis=0)])
     box = (box - farthest) * np.array([1.0, 1.0, -1.0, -1.0])
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
     return PlaneReach(roof, planes, spacing, box, ground + LOWEST_ROOF)
 
 
-def label_cells(
-    coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: NDArray[np.float64]
-) -> Integers:
+def label_cells(coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: Values) -> Integers:
     """The plane (C,) of every cell, of which `data` (C, P) has the costs."""
     planes = reach.planes
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
@@ -319,7 +316,7 @@ def label_cells(
 
 def cell_costs(
     coverage: Coverage, reach: PlaneReach, costs: LabelCosts, located: tuple[Integers, Integers]
-) -> NDArray[np.float64]:
+) -> Values:
     """The cost (C, P; m²) of every plane for every cell; `located` are roof points and the cells they lie in.
 
     Only planes near a cell may have it: those the rectangle around whose points is near the cell's.
@@ -328,7 +325,7 @@ def cell_costs(
     order = np.argsort(cell, kind="stable")
     inner = np.flatnonzero(coverage.cell != OUTSIDE)
     inner = inner[np.argsort(coverage.cell[inner], kind="stable")]
-    data: NDArray[np.float64] = cell_costs_kernel(
+    data: Values = cell_costs_kernel(
         reach.roof[point[order]],
         np.searchsorted(cell[order], np.arange(coverage.count + 1)),
         coverage.nodes[coverage.start[inner]],
@@ -349,16 +346,16 @@ def cell_costs(
 def cell_costs_kernel(
     places: Points,
     first: Integers,
-    corners: NDArray[np.float64],
+    corners: Values,
     start: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     steepness: Values,
-    box: NDArray[np.float64],
+    box: Values,
     lowest: float,
     residual_limit: float,
     gross_limit: float,
     point_area: float,
-) -> NDArray[np.float64]:
+) -> Values:
     """The residual (C, P; m²) of every plane's points in every cell, and of heights under the lowest.
 
     Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.geometry.inside import points_in_polygons
 from eaves.kernels import kernel
@@ -26,7 +25,7 @@ def settle_corners(
     coverage: Coverage,
     labels: Integers,
     roof: Points,
-    planes: NDArray[np.float64],
+    planes: Values,
     costs: LabelCosts,
     price: float,
     reach: float,
@@ -45,15 +44,15 @@ def settle_corners(
     """
     for careful in (False, True):
         refused: set[tuple[float, ...]] = set()
-        plan, kept = coverage, labels
+        plan, plan_labels = coverage, labels
         for _ in range(PASSES):
-            pairs = worthwhile_moves(plan, kept, roof, planes, costs, price, reach)
-            moved = make_moves(plan, kept, pairs, refused, careful) if len(pairs) else None
+            pairs = worthwhile_moves(plan, plan_labels, roof, planes, costs, price, reach)
+            moved = make_moves(plan, plan_labels, pairs, refused, careful) if len(pairs) else None
             if moved is None:
                 break
-            plan, kept = moved
+            plan, plan_labels = moved
         if plan is coverage or careful or is_sound(plan):
-            return plan, kept
+            return plan, plan_labels
     return coverage, labels
 
 
@@ -61,15 +60,15 @@ def worthwhile_moves(
     coverage: Coverage,
     labels: Integers,
     roof: Points,
-    planes: NDArray[np.float64],
+    planes: Values,
     costs: LabelCosts,
     price: float,
     reach: float,
 ) -> Integers:
     """Pairs (K, 2) of a node and the neighbour it should move into, the best first."""
-    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, *coverage.neighbours)
+    half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, *coverage.neighbours)
     node, into, saved, triangles, move, gets, has = moves_kernel(
-        *known, labels, planes, corner_rank(coverage), reach
+        *half_edges, labels, planes, corner_rank(coverage), reach
     )
     gain = price * saved
     if len(triangles):
@@ -86,7 +85,7 @@ def changes_kernel(
     points: Points,
     point: Integers,
     swept: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     gets: Integers,
     has: Integers,
     move: Integers,
@@ -112,17 +111,17 @@ def changes_kernel(
 
 @kernel
 def moves_kernel(
-    nodes: NDArray[np.float64],
+    nodes: Values,
     start: Integers,
     end: Integers,
     cell: Integers,
     twin: Integers,
     following: Integers,
     labels: Integers,
-    planes: NDArray[np.float64],
+    planes: Values,
     rank: Integers,
     reach: float,
-) -> tuple[Integers, Integers, Values, NDArray[np.float64], Integers, Integers, Integers]:
+) -> tuple[Integers, Integers, Values, Values, Integers, Integers, Integers]:
     """Nodes (K,), the neighbours (K,) they could move into, the corners (K,) that saves, and what their edges
     sweep: triangles (T, 3, 2), the move of each, the label its points get, and the one they have, (T,).
 
@@ -130,7 +129,7 @@ def moves_kernel(
     `planes` (P, 3), `rank` (V,) as by `corner_rank`.
     """
     leaving, first = leaving_kernel(start, len(nodes))
-    found, swept = 0, 0
+    moves, swept = 0, 0
     node, into, saved = np.empty(len(start), np.int64), np.empty(len(start), np.int64), np.empty(len(start))
     room = 8 * len(start)
     triangles, move = np.empty((room, 3, 2)), np.empty(room, np.int64)
@@ -146,13 +145,13 @@ def moves_kernel(
         if len(at_v) + len(at_w) > MOST_HEIGHTS or swept + len(at_v) > room:
             continue
         dx, dy = nodes[w, 0] - nodes[v, 0], nodes[w, 1] - nodes[v, 1]
-        near = np.hypot(dx, dy) < reach
-        if not near and len(at_v) == 2 and rank[v] == 0:
-            other = end[at_v[0]] if at_v[1] == half else end[at_v[1]]
-            ex, ey = nodes[other, 0] - nodes[v, 0], nodes[other, 1] - nodes[v, 1]
+        close = np.hypot(dx, dy) < reach
+        if not close and len(at_v) == 2 and rank[v] == 0:
+            neighbour = end[at_v[0]] if at_v[1] == half else end[at_v[1]]
+            ex, ey = nodes[neighbour, 0] - nodes[v, 0], nodes[neighbour, 1] - nodes[v, 1]
             chord = np.hypot(ex - dx, ey - dy)
-            near = abs(dx * ey - dy * ex) < reach * chord
-        if not near:
+            close = abs(dx * ey - dy * ex) < reach * chord
+        if not close:
             continue
         closed_left, closed_right = OUTSIDE, OUTSIDE
         if end[following[following[half]]] == v:
@@ -161,41 +160,41 @@ def moves_kernel(
             closed_right = cell[twin[half]]
         before, count = 0, 0
         for place in range(2):
-            some, at = (at_v, v) if place == 0 else (at_w, w)
+            fan, at = (at_v, v) if place == 0 else (at_w, w)
             count = 0
-            for one in some:
-                if cell[one] != OUTSIDE:
-                    a, b, c = planes[labels[cell[one]]]
+            for spoke in fan:
+                if cell[spoke] != OUTSIDE:
+                    a, b, c = planes[labels[cell[spoke]]]
                     heights[count] = a * nodes[at, 0] + b * nodes[at, 1] + c
                     count += 1
             before += corners_kernel(heights, count)
         count = 0
-        for some in (at_v, at_w):
-            for one in some:
-                own = cell[one]
-                if own != OUTSIDE and own != closed_left and own != closed_right:
-                    a, b, c = planes[labels[own]]
+        for fan in (at_v, at_w):
+            for spoke in fan:
+                owner = cell[spoke]
+                if owner != OUTSIDE and owner != closed_left and owner != closed_right:
+                    a, b, c = planes[labels[owner]]
                     heights[count] = a * nodes[w, 0] + b * nodes[w, 1] + c
                     count += 1
         fewer = before - corners_kernel(heights, count)
         if fewer <= 0:
             continue
-        node[found], into[found], saved[found] = v, w, fewer
+        node[moves], into[moves], saved[moves] = v, w, fewer
         for edge in at_v:
             left, right, far = cell[edge], cell[twin[edge]], end[edge]
             turn = dx * (nodes[far, 1] - nodes[v, 1]) - dy * (nodes[far, 0] - nodes[v, 0])
             if far == w or left == OUTSIDE or right == OUTSIDE or abs(turn) < 1e-9:
                 continue
             triangles[swept, 0], triangles[swept, 1], triangles[swept, 2] = nodes[v], nodes[w], nodes[far]
-            move[swept] = found
+            move[swept] = moves
             gets[swept] = labels[left] if turn > 0.0 else labels[right]
             has[swept] = labels[right] if turn > 0.0 else labels[left]
             swept += 1
-        found += 1
+        moves += 1
     return (
-        node[:found],
-        into[:found],
-        saved[:found],
+        node[:moves],
+        into[:moves],
+        saved[:moves],
         triangles[:swept],
         move[:swept],
         gets[:swept],
@@ -208,8 +207,8 @@ def corners_kernel(heights: Values, count: int) -> int:
     """Number of corners that the first `count` of the heights (m) over one node make: one for all between
     which no wall is high enough.
     """
-    some = np.sort(heights[:count])
+    ordered = np.sort(heights[:count])
     corners = 1 if count > 0 else 0
-    for one in range(1, count):
-        corners += some[one] - some[one - 1] > LOWEST_WALL
+    for k in range(1, count):
+        corners += ordered[k] - ordered[k - 1] > LOWEST_WALL
     return corners

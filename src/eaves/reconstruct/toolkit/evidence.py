@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
@@ -14,7 +13,7 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygons_of
 from eaves.geometry.roof_fit import roof_point_mask
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
+from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.solids.extrude import LOWEST_ROOF
 
@@ -31,14 +30,14 @@ cells fill a roof best and worst.
 """
 
 
-def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
+def points_inside(points: Points, polygon: Polygon) -> Integers:
     """Numbers of the finite points (N, 3) inside a polygon."""
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, points[:, 0], points[:, 1])
     return np.flatnonzero(inside & np.isfinite(points).all(axis=1))
 
 
-def seen_roof(points: Points, footprint: Footprint) -> tuple[NDArray[np.int64], NDArray[np.int64]] | Failure:
+def seen_roof(points: Points, footprint: Footprint) -> tuple[Integers, Integers] | Failure:
     """Numbers of the points (N, 3) inside a footprint, and of those on the roof; a Failure of too few."""
     inside = points_inside(points, footprint.polygon)
     top = inside[roof_point_mask(points[inside])]
@@ -68,33 +67,33 @@ def level_unexplained(
 
     What no plane explains but stands together, a cluttered roof or a dome, is better a level than nothing.
     """
-    answer = labels.copy()
+    levelled = labels.copy()
     loose = np.flatnonzero(labels < 0)
     heights: list[float] = []
     fewest = max(limits.clutter_points, int(np.ceil(limits.smallest / spacing**2)))
     if len(loose) < fewest:
-        return answer, heights
+        return levelled, heights
     scaled = points[loose] * np.array([1.0, 1.0, limits.clutter_reach * spacing / limits.clutter_step])
     pairs = cKDTree(scaled).query_pairs(limits.clutter_reach * spacing, output_type="ndarray")
     cluster = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(loose))
     sizes = np.bincount(cluster)
     most = max(MOST_PLANES - count, 0)
-    kept = np.argsort(-sizes, kind="stable")[:most]
-    for number in np.sort(kept[sizes[kept] >= fewest]).tolist():
-        own = loose[cluster == number]
-        answer[own] = count + len(heights)
-        heights.append(float(np.median(points[own, 2])))
-    return answer, heights
+    largest = np.argsort(-sizes, kind="stable")[:most]
+    for number in np.sort(largest[sizes[largest] >= fewest]).tolist():
+        members = loose[cluster == number]
+        levelled[members] = count + len(heights)
+        heights.append(float(np.median(points[members, 2])))
+    return levelled, heights
 
 
 def support_of(
     points: Points,
-    top: NDArray[np.int64],
+    top: Integers,
     planes: list[RoofPlane],
     spacing: float,
     ground: float,
     limits: LineReconstructor,
-) -> tuple[Labels, NDArray[np.float64]]:
+) -> tuple[Labels, Values]:
     """The plane of each roof point, -1 for none (T,), and the coefficients of the planes (P, 3).
 
     `top` (T,) are the numbers of the roof points among `points` (N, 3). To the given planes come levels
@@ -104,32 +103,32 @@ def support_of(
     for number, plane in enumerate(planes):
         owner[plane.members] = number
     owner = largest_only(owner, top)
-    used, number_of = np.unique(owner[top], return_inverse=True)
-    labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
-    known = [planes[number].coefficients for number in used[used >= 0]]
-    labels, levels = level_unexplained(points[top], labels, len(known), spacing, limits)
+    owners, number_of = np.unique(owner[top], return_inverse=True)
+    labels: Labels = (number_of.ravel() - int(owners[0] == -1)).astype(np.int32)
+    coefficients = [planes[number].coefficients for number in owners[owners >= 0]]
+    labels, levels = level_unexplained(points[top], labels, len(coefficients), spacing, limits)
     height = max(quantile(points[top, 2], PRISM_PERCENTILE / 100.0), ground + LOWEST_ROOF)
-    rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
+    rows = [*coefficients, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
     return labels, np.array(rows, np.float64)
 
 
-def largest_only(owner: Labels, top: NDArray[np.int64]) -> Labels:
+def largest_only(owner: Labels, top: Integers) -> Labels:
     """The planes (N,) of points, -1 for none, with those alone that have most roof points `top` (T,), at most
     `MOST_PLANES` of them.
     """
     sizes = np.bincount(owner[top] + 1)[1:]
     if np.count_nonzero(sizes) <= MOST_PLANES:
         return owner
-    kept = np.zeros(len(sizes) + 1, bool)
-    kept[np.argsort(-sizes, kind="stable")[:MOST_PLANES]] = True
-    return np.where(kept[np.minimum(owner, len(sizes))], owner, -1).astype(np.int32)
+    largest = np.zeros(len(sizes) + 1, bool)
+    largest[np.argsort(-sizes, kind="stable")[:MOST_PLANES]] = True
+    return np.where(largest[np.minimum(owner, len(sizes))], owner, -1).astype(np.int32)
 
 
 def faces_as_planes(
     model: BuildingModel,
-    coefficients: NDArray[np.float64],
+    coefficients: Values,
     points: Points,
-    top: NDArray[np.int64],
+    top: Integers,
     surface: Surface | None = None,
 ) -> tuple[RoofPlane, ...]:
     """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), with the roof points (numbers `top`) under each.
@@ -149,9 +148,9 @@ def faces_as_planes(
             if face.plane is not None
         ]
     )
-    answer = []
+    roof_planes = []
     for face, (row, shape) in enumerate(zip(coefficients.tolist(), shapes, strict=True)):
-        own = number == face
-        rmse = float(np.sqrt(np.mean(error[own] ** 2))) if own.any() else 0.0
-        answer.append(RoofPlane((row[0], row[1], row[2]), top[own], rmse, shape))
-    return tuple(answer)
+        on_face = number == face
+        rmse = float(np.sqrt(np.mean(error[on_face] ** 2))) if on_face.any() else 0.0
+        roof_planes.append(RoofPlane((row[0], row[1], row[2]), top[on_face], rmse, shape))
+    return tuple(roof_planes)

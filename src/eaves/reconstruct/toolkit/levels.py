@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.geometry.percentiles import group_percentiles, quantile
 from eaves.model import Points, Solid, Values
@@ -35,29 +34,31 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
     pairs = np.column_stack([keys // plan.count, keys % plan.count])
     height = level_heights(group[cell], heights, plan.count)
     while len(pairs):
-        one, other = group[pairs[:, 0]], group[pairs[:, 1]]
-        step = np.abs(height[one] - height[other])
-        step = np.where(one == other, np.inf, np.where(np.isnan(step), 0.0, step))
+        first, second = group[pairs[:, 0]], group[pairs[:, 1]]
+        step = np.abs(height[first] - height[second])
+        step = np.where(first == second, np.inf, np.where(np.isnan(step), 0.0, step))
         nearest = int(np.argmin(step))
         if not step[nearest] < jump:
             break
-        group[group == other[nearest]] = one[nearest]
-        own = group[cell] == one[nearest]
-        height[one[nearest]] = quantile(heights[own], PRISM_PERCENTILE / 100.0) if own.any() else np.nan
+        group[group == second[nearest]] = first[nearest]
+        members = group[cell] == first[nearest]
+        height[first[nearest]] = (
+            quantile(heights[members], PRISM_PERCENTILE / 100.0) if members.any() else np.nan
+        )
     return np.unique(group, return_inverse=True)[1].ravel().astype(np.int64)
 
 
 def flat_plan(
     plan: Coverage, group: Integers, cell: Integers, heights: Values, ground: float
-) -> tuple[Coverage, NDArray[np.float64]]:
+) -> tuple[Coverage, Values]:
     """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each of its cells.
 
     `cell` and `heights` (K,) are those of the roof points.
     """
     merged, names = plan.merged(group)
     height = level_heights(plan.regions(group)[0][cell], heights, merged.count)
-    whole = quantile(heights, PRISM_PERCENTILE / 100.0) if len(heights) else ground
-    height = np.maximum(np.where(np.isnan(height), whole, height), ground + LOWEST_ROOF)
+    typical = quantile(heights, PRISM_PERCENTILE / 100.0) if len(heights) else ground
+    height = np.maximum(np.where(np.isnan(height), typical, height), ground + LOWEST_ROOF)
     return merged, np.column_stack([np.zeros((len(names), 2)), height])
 
 
@@ -79,15 +80,15 @@ def coarse_solids(
     """
     point, cell = located or plan.cells_of(roof)
     heights = roof[point, 2]
-    whole, levels = np.zeros(plan.count, np.int64), group_levels(plan, cell, heights, jump)
-    answer: dict[str, tuple[Solid, ...]] = {}
-    for lod, group in (("1.2", whole), ("1.3", levels)):
-        if group is levels and np.array_equal(plan.regions(levels)[0], plan.regions(whole)[0]):
-            if "1.2" in answer:
-                answer[lod] = answer["1.2"]
+    single, levels = np.zeros(plan.count, np.int64), group_levels(plan, cell, heights, jump)
+    solids: dict[str, tuple[Solid, ...]] = {}
+    for lod, group in (("1.2", single), ("1.3", levels)):
+        if group is levels and np.array_equal(plan.regions(levels)[0], plan.regions(single)[0]):
+            if "1.2" in solids:
+                solids[lod] = solids["1.2"]
             continue
         level, planes = flat_plan(plan, group, cell, heights, ground)
         raised = extrude_plan(level, np.arange(level.count), planes, ground, smallest)
         if raised.solids:
-            answer[lod] = without_numbers(raised.solids)
-    return answer
+            solids[lod] = without_numbers(raised.solids)
+    return solids

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.components import members
@@ -17,7 +16,7 @@ from eaves.geometry.tin import Tin
 from eaves.geometry.tolerance import COORDINATE_STEP, FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.methods import parameter
-from eaves.model import Labels, Mask, Points, Values
+from eaves.model import Integers, Labels, Mask, Points, Values
 from eaves.reconstruct.stage import Reconstructor
 from eaves.solids.coverage import OVERSHOOT
 
@@ -96,19 +95,17 @@ class Line(NamedTuple):
     support: float
 
 
-def border_places(
-    points: Points, labels: Labels, polygon: Polygon
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def border_places(points: Points, labels: Labels, polygon: Polygon) -> tuple[Integers, Values]:
     """Pairs of planes (M, 2) whose points are neighbours in a triangulation; the places between (M, 2)."""
-    known, mark = points[labels >= 0], labels[labels >= 0].astype(np.int64)
-    corners = Tin(known[:, :2]).triangles
-    one, other = corners.ravel().astype(np.int64), np.roll(corners, -1, axis=1).ravel().astype(np.int64)
-    apart = mark[one] != mark[other]
-    key = np.unique(np.minimum(one, other)[apart] * len(known) + np.maximum(one, other)[apart])
-    one, other = key // max(len(known), 1), key % max(len(known), 1)
-    places = 0.5 * (known[one, :2] + known[other, :2])
+    labelled, mark = points[labels >= 0], labels[labels >= 0].astype(np.int64)
+    corners = Tin(labelled[:, :2]).triangles
+    first, second = corners.ravel().astype(np.int64), np.roll(corners, -1, axis=1).ravel().astype(np.int64)
+    apart = mark[first] != mark[second]
+    key = np.unique(np.minimum(first, second)[apart] * len(labelled) + np.maximum(first, second)[apart])
+    first, second = key // max(len(labelled), 1), key % max(len(labelled), 1)
+    places = 0.5 * (labelled[first, :2] + labelled[second, :2])
     inside = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
-    return np.sort(np.column_stack([mark[one], mark[other]])[inside], axis=1), places[inside]
+    return np.sort(np.column_stack([mark[first], mark[second]])[inside], axis=1), places[inside]
 
 
 @lru_cache(maxsize=4)
@@ -120,29 +117,29 @@ def main_directions(polygon: Polygon) -> Values:
     steps = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings])
     length = np.hypot(steps[:, 0], steps[:, 1])
     angle = np.mod(np.arctan2(steps[:, 1], steps[:, 0]), np.pi / 2)
-    found: list[float] = []
-    left = np.ones(len(length), bool)
+    directions: list[float] = []
+    free = np.ones(len(length), bool)
     tolerance = np.radians(SAME_DIRECTION_DEG)
-    while left.any() and len(found) < 4:
+    while free.any() and len(directions) < 4:
         apart = np.abs(np.mod(angle[:, None] - angle[None, :] + np.pi / 4, np.pi / 2) - np.pi / 4)
-        near = (apart <= tolerance) & left[:, None] & left[None, :]
-        weight = near @ length
+        alike = (apart <= tolerance) & free[:, None] & free[None, :]
+        weight = alike @ length
         best = int(np.argmax(weight))
-        if found and weight[best] < 0.15 * length.sum():
+        if directions and weight[best] < 0.15 * length.sum():
             break
-        group = near[:, best]
+        group = alike[:, best]
         turn = np.mod(angle[group] - angle[best] + np.pi / 4, np.pi / 2) - np.pi / 4
-        found.append(float(np.mod(angle[best] + np.average(turn, weights=length[group]), np.pi / 2)))
-        left &= ~group
-    return np.array(found)
+        directions.append(float(np.mod(angle[best] + np.average(turn, weights=length[group]), np.pi / 2)))
+        free &= ~group
+    return np.array(directions)
 
 
-def turn_by(angle: float) -> NDArray[np.float64]:
+def turn_by(angle: float) -> Values:
     """The matrix (2, 2) that turns plan coordinates, rows from the left, onto axes at an angle (radians)."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def line_directions(main: Values, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+def line_directions(main: Values, planes: Values) -> Values:
     """Normals (A, 2) along and across the footprint's `main` angles (K,), and the falls of planes (P, 3)."""
     angles = [*main, *(main + np.pi / 2)]
     for a, b, _ in planes[np.hypot(planes[:, 0], planes[:, 1]) > FLAT].tolist():
@@ -156,7 +153,7 @@ def line_directions(main: Values, planes: NDArray[np.float64]) -> NDArray[np.flo
 def candidate_lines(
     points: Points,
     labels: Labels,
-    planes: NDArray[np.float64],
+    planes: Values,
     polygon: Polygon,
     spacing: float,
     limits: LineReconstructor,
@@ -169,18 +166,20 @@ def candidate_lines(
     pairs, places = border_places(points, labels, polygon)
     meeting: list[Line] = []
     jumps = np.ones(len(places), bool)
-    found, number = np.unique(pairs[:, 0] * len(planes) + pairs[:, 1], return_inverse=True)
-    for pair, own in zip(found.tolist(), members(number, len(found)), strict=True):
+    couples, number = np.unique(pairs[:, 0] * len(planes) + pairs[:, 1], return_inverse=True)
+    for pair, at_pair in zip(couples.tolist(), members(number, len(couples)), strict=True):
         a, b = divmod(pair, len(planes))
-        line, near = meeting_line(places[own], planes[a] - planes[b], spacing)
+        line, close = meeting_line(places[at_pair], planes[a] - planes[b], spacing)
         if line is not None:
             meeting.append(line)
-            jumps[own[near]] = False
-    used, main = np.unique(pairs), main_directions(polygon)
-    across = line_directions(main, planes[used])
-    stepping = [line for some in divide(places[jumps]) for line in step_lines(some, across, spacing)]
+            jumps[at_pair[close]] = False
+    planes_met, main = np.unique(pairs), main_directions(polygon)
+    across = line_directions(main, planes[planes_met])
+    stepping = [line for cluster in divide(places[jumps]) for line in step_lines(cluster, across, spacing)]
     of_plane = members(labels, len(planes))
-    around = [line for one in used for line in rectangle(points[of_plane[one], :2], main, spacing, limits)]
+    around = [
+        line for label in planes_met for line in rectangle(points[of_plane[label], :2], main, spacing, limits)
+    ]
     lines = [
         line
         for kind in (meeting, stepping, around)
@@ -191,36 +190,34 @@ def candidate_lines(
 
 def distinct_lines(lines: list[Line], reach: float) -> list[Line]:
     """The lines without those that run within `reach` (m) of a better one, from end to end."""
-    kept = distinct_kernel(np.array(lines, np.float64).reshape(-1, 6), reach)
-    return [lines[number] for number in np.flatnonzero(kept)]
+    distinct = distinct_kernel(np.array(lines, np.float64).reshape(-1, 6), reach)
+    return [lines[number] for number in np.flatnonzero(distinct)]
 
 
 @kernel
-def distinct_kernel(rows: NDArray[np.float64], reach: float) -> Mask:
+def distinct_kernel(rows: Values, reach: float) -> Mask:
     """Mask (L,) of the lines, best first, rows of the numbers of `Line`, that `distinct_lines` keeps."""
-    kept = np.ones(len(rows), np.bool_)
-    for one in range(len(rows)):
-        x, y, offset = rows[one, 0], rows[one, 1], rows[one, 2]
-        for better in range(one):
-            if not kept[better]:
+    distinct = np.ones(len(rows), np.bool_)
+    for row in range(len(rows)):
+        x, y, offset = rows[row, 0], rows[row, 1], rows[row, 2]
+        for better in range(row):
+            if not distinct[better]:
                 continue
             nx, ny = rows[better, 0], rows[better, 1]
             inside = True
             for end in range(2):
-                place = rows[one, 3 + end]
+                place = rows[row, 3 + end]
                 ex, ey = x * offset - y * place, y * offset + x * place
                 along = ey * nx - ex * ny
                 inside &= abs(ex * nx + ey * ny - rows[better, 2]) <= reach
                 inside &= rows[better, 3] - reach <= along <= rows[better, 4] + reach
             if inside:
-                kept[one] = False
+                distinct[row] = False
                 break
-    return kept
+    return distinct
 
 
-def meeting_line(
-    places: NDArray[np.float64], apart: NDArray[np.float64], spacing: float
-) -> tuple[Line | None, Mask]:
+def meeting_line(places: Values, apart: Values, spacing: float) -> tuple[Line | None, Mask]:
     """The line in which two planes meet, a, b, c `apart` (3,), where their border (M, 2) runs along it; which
     places do (M,).
     """
@@ -228,14 +225,14 @@ def meeting_line(
     steep = float(np.hypot(a, b))
     away = (places @ apart[:2] + c) / max(steep, FLAT)
     along = places @ np.array([-b, a]) / max(steep, FLAT)
-    near = np.abs(away) < spacing
-    if steep < FLAT or near.sum() < FEWEST_PLACES or np.ptp(along[near]) < 2.0 * spacing:
-        return None, near
-    low, high = float(along[near].min()), float(along[near].max())
-    return Line(a / steep, b / steep, -c / steep, low, high, float(near.sum())), near
+    close = np.abs(away) < spacing
+    if steep < FLAT or close.sum() < FEWEST_PLACES or np.ptp(along[close]) < 2.0 * spacing:
+        return None, close
+    low, high = float(along[close].min()), float(along[close].max())
+    return Line(a / steep, b / steep, -c / steep, low, high, float(close.sum())), close
 
 
-def divide(places: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+def divide(places: Values) -> Iterator[Values]:
     """The places (M, 2) in groups of at most `MOST_TOGETHER`, halved across their longer side."""
     if len(places) <= MOST_TOGETHER:
         yield places
@@ -245,7 +242,7 @@ def divide(places: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
         yield from divide(half)
 
 
-def step_lines(places: NDArray[np.float64], normals: NDArray[np.float64], spacing: float) -> Iterator[Line]:
+def step_lines(places: Values, normals: Values, spacing: float) -> Iterator[Line]:
     """Lines across `normals` (A, 2) through places (M, 2), again and again the strip, one spacing wide, that
     holds most of them; of each its longest stretch without a gap.
     """
@@ -253,11 +250,11 @@ def step_lines(places: NDArray[np.float64], normals: NDArray[np.float64], spacin
     offsets = normals @ places.T
     order = np.argsort(offsets, axis=1, kind="stable")
     columns = np.take_along_axis(offsets, order, axis=1)
-    left = np.ones(len(places), bool)
-    while left.sum() >= FEWEST_PLACES:
-        best, start, end = fullest_strip_kernel(columns, order, left, width)
+    free = np.ones(len(places), bool)
+    while free.sum() >= FEWEST_PLACES:
+        best, start, end = fullest_strip_kernel(columns, order, free, width)
         strip = order[best, start:end]
-        strip = strip[left[strip]]
+        strip = strip[free[strip]]
         nx, ny = normals[best].tolist()
         along = places[strip] @ np.array([-ny, nx])
         turn = np.argsort(along, kind="stable")
@@ -267,26 +264,24 @@ def step_lines(places: NDArray[np.float64], normals: NDArray[np.float64], spacin
         if len(stretch) >= FEWEST_PLACES and high - low >= max(2.0 * spacing, 0.6):
             middle = float(np.median(offsets[best, strip[stretch]]))
             yield Line(nx, ny, middle, low, high, float(len(stretch)))
-        left[strip[stretch]] = False
+        free[strip[stretch]] = False
 
 
 @kernel
-def fullest_strip_kernel(
-    columns: NDArray[np.float64], order: NDArray[np.int64], left: Mask, width: float
-) -> tuple[int, int, int]:
+def fullest_strip_kernel(columns: Values, order: Integers, free: Mask, width: float) -> tuple[int, int, int]:
     """Direction, and first and last position in its column, of the strip with the most places in it.
 
     `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; only those
-    still `left` count.
+    still `free` count.
     """
     most, best, start, stop = 0, 0, 0, 0
     for number in range(columns.shape[0]):
         total, end = 0, 0
         for first in range(columns.shape[1]):
-            if not left[order[number, first]]:
+            if not free[order[number, first]]:
                 continue
             while end < columns.shape[1] and columns[number, end] <= columns[number, first] + width:
-                total += left[order[number, end]]
+                total += free[order[number, end]]
                 end += 1
             if total > most:
                 most, best, start, stop = total, number, first, end
@@ -294,9 +289,7 @@ def fullest_strip_kernel(
     return best, start, stop
 
 
-def rectangle(
-    places: NDArray[np.float64], main: Values, spacing: float, limits: LineReconstructor
-) -> list[Line]:
+def rectangle(places: Values, main: Values, spacing: float, limits: LineReconstructor) -> list[Line]:
     """The sides of the least rectangle along a main direction around a plane's points (K, 2).
 
     The sides of a dormer are too short to gather border places; its rectangle is not.
@@ -318,7 +311,7 @@ def rectangle(
     ]
 
 
-def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.float64]:
+def extend(lines: list[Line], polygon: Polygon, extension: float) -> Values:
     """Segments (S, 4) of the lines, lengthened by `extension` (m) and on to the next line or footprint edge.
 
     A line that reaches only as far as its evidence would hang free and cut nothing.
@@ -338,12 +331,12 @@ def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.
 
 @kernel
 def free_ways_kernel(
-    normal: NDArray[np.float64],
+    normal: Values,
     offset: Values,
     low: Values,
     high: Values,
-    starts: NDArray[np.float64],
-    ends: NDArray[np.float64],
+    starts: Values,
+    ends: Values,
 ) -> tuple[Values, Values]:
     """Distance (L,; m) from `high` onwards and from `low` backwards to the next segment; infinite without
     one.
@@ -353,14 +346,14 @@ def free_ways_kernel(
     up, down = np.full(len(offset), np.inf), np.full(len(offset), np.inf)
     for line in range(len(offset)):
         nx, ny = normal[line, 0], normal[line, 1]
-        for other in range(len(starts)):
-            before = starts[other, 0] * nx + starts[other, 1] * ny - offset[line]
-            after = ends[other, 0] * nx + ends[other, 1] * ny - offset[line]
+        for obstacle in range(len(starts)):
+            before = starts[obstacle, 0] * nx + starts[obstacle, 1] * ny - offset[line]
+            after = ends[obstacle, 0] * nx + ends[obstacle, 1] * ny - offset[line]
             if before * after > 0.0 or abs(before - after) <= COORDINATE_STEP:
                 continue
             share = before / (before - after)
-            x = starts[other, 0] + share * (ends[other, 0] - starts[other, 0])
-            y = starts[other, 1] + share * (ends[other, 1] - starts[other, 1])
+            x = starts[obstacle, 0] + share * (ends[obstacle, 0] - starts[obstacle, 0])
+            y = starts[obstacle, 1] + share * (ends[obstacle, 1] - starts[obstacle, 1])
             along = x * -ny + y * nx
             if along >= high[line]:
                 up[line] = min(up[line], along - high[line])

@@ -50,14 +50,16 @@ def stand_bodies(
         if face.surface == ROOF_SURFACE
     ]
     pairs = zip(corners, planes, strict=True)
-    off = np.array([np.abs(some[:, :2] @ plane[:2] + plane[2] - some[:, 2]).max() for some, plane in pairs])
+    off = np.array(
+        [np.abs(footing[:, :2] @ plane[:2] + plane[2] - footing[:, 2]).max() for footing, plane in pairs]
+    )
     bodies: list[Solid | None] = []
-    taken: BaseGeometry = Polygon()
+    occupied: BaseGeometry = Polygon()
     for outline, top in zip(outlines, tops, strict=True):
-        free = shapely.difference(outline, taken, grid_size=COORDINATE_STEP)
+        free = shapely.difference(outline, occupied, grid_size=COORDINATE_STEP)
         pieces = list(pieces_of(free, top, polygons, planes, off))
         bodies.append(raise_pieces(pieces, top))
-        taken = shapely.union(taken, outline)
+        occupied = shapely.union(occupied, outline)
     return bodies
 
 
@@ -71,20 +73,22 @@ def pieces_of(
     """The pieces of an outline over the roof faces (F,), and the plane (3,) on which the body of each begins,
     clear of all faces under it, which are `off` (F,; m) their planes at most.
     """
-    near = np.flatnonzero(shapely.intersects(polygons, outline))
-    middle = shapely.get_coordinates(shapely.point_on_surface(shapely.intersection(polygons[near], outline)))
-    heights = middle @ planes[near, :2].T
-    order = near[np.argsort(-(np.diag(heights) + planes[near, 2]), kind="stable")]
+    touching = np.flatnonzero(shapely.intersects(polygons, outline))
+    middle = shapely.get_coordinates(
+        shapely.point_on_surface(shapely.intersection(polygons[touching], outline))
+    )
+    heights = middle @ planes[touching, :2].T
+    order = touching[np.argsort(-(np.diag(heights) + planes[touching, 2]), kind="stable")]
     for face in order.tolist():
         reach = shapely.buffer(polygons[face], CLOSEST, join_style="mitre")
         piece = shapely.intersection(outline, reach, grid_size=COORDINATE_STEP)
         outline = shapely.difference(outline, reach, grid_size=COORDINATE_STEP)
         outline = shapely.MultiPolygon(list(polygon_parts(outline)))
         above = 0.0
-        for other in near.tolist():
-            places = shapely.get_coordinates(shapely.intersection(piece, polygons[other]))
-            rise = places @ (planes[other] - planes[face])[:2] + (planes[other] - planes[face])[2]
-            above = max(above, float(rise.max(initial=0.0)) + off[other] * (len(places) > 0))
+        for neighbour in touching.tolist():
+            places = shapely.get_coordinates(shapely.intersection(piece, polygons[neighbour]))
+            rise = places @ (planes[neighbour] - planes[face])[:2] + (planes[neighbour] - planes[face])[2]
+            above = max(above, float(rise.max(initial=0.0)) + off[neighbour] * (len(places) > 0))
         floor = planes[face] + [0.0, 0.0, above + CLEARANCE]
         for part in polygon_parts(below(piece, floor, top - LOWEST_WALL)):
             if 2.0 * part.area > NARROWEST_NECK * part.length:
@@ -120,13 +124,15 @@ def raise_pieces(pieces: list[tuple[Polygon, NDArray[np.float64]]], top: float) 
     smooth = shapely.simplify(
         shapely.buffer(largest, -NARROWEST_NECK, join_style="mitre"), 0.5 * NARROWEST_NECK
     )
-    for some in (pieces, [(part, floor) for part in polygon_parts(smooth)[:1]]):
-        polygons = np.array([polygon for polygon, _ in some], object)
+    for partition in (pieces, [(part, floor) for part in polygon_parts(smooth)[:1]]):
+        polygons = np.array([polygon for polygon, _ in partition], object)
         cells, owner = cut_polygons(polygons, shapely.boundary(polygons))
         plan = coverage_of(cells, COORDINATE_STEP)
         if plan is not None:
-            level = RoofPlan(polygons, np.tile([0.0, 0.0, top], (len(some), 1)), (None,) * len(some), top)
-            floors = np.array([some[number][1] for number in owner])
+            level = RoofPlan(
+                polygons, np.tile([0.0, 0.0, top], (len(partition), 1)), (None,) * len(partition), top
+            )
+            floors = np.array([partition[number][1] for number in owner])
             bodies, touching = close_slabs(plan, level, owner, np.zeros(len(owner), bool), floors)
             if len(touching) == 0:
                 return max(bodies, key=lambda body: float(np.ptp(body.vertices[:, :2], axis=0).prod()))
@@ -176,23 +182,25 @@ def find_leaf_towers(
     it that the roof around it does not: those of a crown are strewn over its height.
     """
     halves = np.flatnonzero((plan.cell != OUTSIDE) & (plan.cell[plan.twin] != OUTSIDE))
-    own, other, length = plan.cell[halves], plan.cell[plan.twin[halves]], plan.length[halves]
+    inner, outer, length = plan.cell[halves], plan.cell[plan.twin[halves]], plan.length[halves]
     middle = 0.5 * (plan.nodes[plan.start[halves]] + plan.nodes[plan.end[halves]])
-    apart = planes[labels[own]] - planes[labels[other]]
+    apart = planes[labels[inner]] - planes[labels[outer]]
     step = (apart[:, :2] * middle).sum(axis=1) + apart[:, 2]
     meet = np.abs(step) < limits.residual_limit
-    group = connected_groups_kernel(own[meet], other[meet], plan.count)
-    rim, count = group[own] != group[other], int(group.max()) + 1
-    high = np.bincount(group[own], length * rim * np.where(step > limits.level_jump, 1.0, -1.0), count) > 0.0
+    group = connected_groups_kernel(inner[meet], outer[meet], plan.count)
+    rim, count = group[inner] != group[outer], int(group.max()) + 1
+    high = (
+        np.bincount(group[inner], length * rim * np.where(step > limits.level_jump, 1.0, -1.0), count) > 0.0
+    )
     small = np.bincount(group, plan.area, count) < limits.tower_largest
     towers = np.zeros(plan.count, bool)
-    for one in np.flatnonzero(small & high).tolist():
-        body = shapely.union_all(plan.polygons()[group == one])
-        some = points[Bounds(*body.bounds).buffered(2.0 * spacing).contains(points)]
-        some = some[shapely.dwithin(body, shapely.points(some[:, :2]), spacing)]
-        on_top = lie_on(some, planes[labels[group == one]])
-        strewn = ~on_top & ~lie_on(some, planes[labels[other[rim & (group[own] == one)]]])
-        towers |= (group == one) & (on_top.sum() < LEAST_SHOWN * (on_top | strewn).sum())
+    for tower in np.flatnonzero(small & high).tolist():
+        body = shapely.union_all(plan.polygons()[group == tower])
+        sample = points[Bounds(*body.bounds).buffered(2.0 * spacing).contains(points)]
+        sample = sample[shapely.dwithin(body, shapely.points(sample[:, :2]), spacing)]
+        on_top = lie_on(sample, planes[labels[group == tower]])
+        strewn = ~on_top & ~lie_on(sample, planes[labels[outer[rim & (group[inner] == tower)]]])
+        towers |= (group == tower) & (on_top.sum() < LEAST_SHOWN * (on_top | strewn).sum())
     return towers
 
 
@@ -230,23 +238,25 @@ def find_superstructures(
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(high))
     turn = turn_by(float(main[0]))
     clusters = [
-        own for own in members(group, int(group.max()) + 1) if len(own) >= limits.superstructure_points
+        sample
+        for sample in members(group, int(group.max()) + 1)
+        if len(sample) >= limits.superstructure_points
     ]
     turned = np.column_stack([roof[high, :2] @ turn, roof[high, 2]])
-    found = []
+    objects = []
     for cluster in join_overlapping(
         clusters, turned, 0.5 * limits.clutter_reach * spacing, limits.residual_limit
     ):
-        own = high[cluster]
-        one = describe_object(solids, roof[own], over[own], turn, spacing, limits)
-        if one is None or one.polygon.area < limits.superstructure_least:
+        sample = high[cluster]
+        item = describe_object(solids, roof[sample], over[sample], turn, spacing, limits)
+        if item is None or item.polygon.area < limits.superstructure_least:
             continue
-        if one.polygon.intersection(polygon).area > LEAST_SHOWN * one.polygon.area:
-            found.append(one)
-    found.sort(key=lambda one: (-one.polygon.area, one.polygon.centroid.x))
-    bodies = stand_bodies(solids, [one.polygon for one in found], [one.top for one in found])
+        if item.polygon.intersection(polygon).area > LEAST_SHOWN * item.polygon.area:
+            objects.append(item)
+    objects.sort(key=lambda item: (-item.polygon.area, item.polygon.centroid.x))
+    bodies = stand_bodies(solids, [item.polygon for item in objects], [item.top for item in objects])
     return tuple(
-        replace(one, solid=body) for one, body in zip(found, bodies, strict=True) if body is not None
+        replace(item, solid=body) for item, body in zip(objects, bodies, strict=True) if body is not None
     )
 
 
@@ -257,17 +267,17 @@ def join_overlapping(
     plan and whose tops are equally high to `level` (m): chance leaves gaps among the points of one object.
     """
     while len(groups) > 1:
-        low = np.array([points[own, :2].min(axis=0) - margin for own in groups])
-        high = np.array([points[own, :2].max(axis=0) + margin for own in groups])
+        low = np.array([points[group, :2].min(axis=0) - margin for group in groups])
+        high = np.array([points[group, :2].max(axis=0) + margin for group in groups])
         boxes = shapely.box(*low.T, *high.T)
-        top = np.array([top_of(points[own]) for own in groups])
-        one, other = shapely.STRtree(boxes).query(boxes, predicate="intersects")
-        alike = (one < other) & (np.abs(top[one] - top[other]) <= level)
+        top = np.array([top_of(points[group]) for group in groups])
+        first, second = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+        alike = (first < second) & (np.abs(top[first] - top[second]) <= level)
         if not alike.any():
             break
-        joined = connected_groups_kernel(one[alike], other[alike], len(groups))
+        joined = connected_groups_kernel(first[alike], second[alike], len(groups))
         groups = [
-            np.concatenate([groups[n] for n in some]) for some in members(joined, int(joined.max()) + 1)
+            np.concatenate([groups[n] for n in cluster]) for cluster in members(joined, int(joined.max()) + 1)
         ]
     return groups
 
@@ -336,5 +346,5 @@ def explained_beside(solids: tuple[Solid, ...], points: Points, beside: float, l
     )
     places: NDArray[np.float64] = (points[:, None, :2] + ways[None]).reshape(-1, 2)
     height = surface_heights(solids, places)[0].reshape(len(points), len(ways))
-    near = np.abs(np.nan_to_num(height, nan=-1e9) - points[:, 2:3]) < level
-    return bool(np.mean(near.any(axis=1)) > 0.5)
+    matching = np.abs(np.nan_to_num(height, nan=-1e9) - points[:, 2:3]) < level
+    return bool(np.mean(matching.any(axis=1)) > 0.5)

@@ -59,10 +59,7 @@ def plot_run(
     target = Path(path) if path else Path(folder) / f"{what}.png"
     if target.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{target}: '{target.suffix}' cannot be drawn; use {', '.join(SUFFIXES)}")
-    from eaves.report.plots.axonometry import models_figure
-    from eaves.report.plots.errors import errors_figure
-    from eaves.report.plots.plan import plan_figure
-    from eaves.report.plots.section import section_figure
+    from eaves.report.plots.drawings import errors_figure, models_figure, plan_figure, section_figure
 
     size = size_cm / CENTIMETRES
     if what == "errors" and reference is None:

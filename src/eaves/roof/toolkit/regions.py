@@ -110,13 +110,13 @@ def join_kernel(
     count = len(sums)
     plane, joint = np.zeros(4), np.zeros(10)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-    own, cost = np.zeros(count), np.full((count, count), np.inf)
+    roughness, cost = np.zeros(count), np.full((count, count), np.inf)
     alive, stale = np.ones(count, np.bool_), np.ones(count, np.bool_)
     again, least, partner = np.ones(count, np.bool_), np.full(count, np.inf), np.zeros(count, np.int64)
     for i in range(count):
         owner[i] = i
         plane_of_sums_kernel(sums[i], covariance, vectors, values, plane)
-        own[i] = values[0]
+        roughness[i] = values[0]
     while count:
         for i in range(count):
             if not again[i]:
@@ -129,8 +129,8 @@ def join_kernel(
                     joint[:] = sums[i] + sums[j]
                     plane_of_sums_kernel(joint, covariance, vectors, values, plane)
                     ratio = max(
-                        squared_distance_kernel(sums[i], plane) / max(most_square, growth * own[i]),
-                        squared_distance_kernel(sums[j], plane) / max(most_square, growth * own[j]),
+                        squared_distance_kernel(sums[i], plane) / max(most_square, growth * roughness[i]),
+                        squared_distance_kernel(sums[j], plane) / max(most_square, growth * roughness[j]),
                     )
                     cost[i, j] = ratio
                 if cost[i, j] < least[i]:
@@ -144,7 +144,7 @@ def join_kernel(
         alive[second] = False
         stale[first] = True
         plane_of_sums_kernel(sums[first], covariance, vectors, values, plane)
-        own[first] = values[0]
+        roughness[first] = values[0]
         for k in range(count):
             if owner[k] == second:
                 owner[k] = first
@@ -244,7 +244,7 @@ def return_kernel(
     labels before it.
     """
     before = labels.copy()
-    given = 0
+    returned = 0
     for i in range(len(xyz)):
         if before[i] != 0:
             continue
@@ -256,14 +256,14 @@ def return_kernel(
             plane = planes[before[j] - 1]
             away = plane[0] * xyz[i, 0] + plane[1] * xyz[i, 1] + plane[2] * xyz[i, 2] - plane[3]
             x, y, z = xyz[i, 0] - xyz[j, 0], xyz[i, 1] - xyz[j, 1], xyz[i, 2] - xyz[j, 2]
-            near = (x * x + y * y + z * z) / (gap * gap)
+            apart = (x * x + y * y + z * z) / (gap * gap)
             flat = away * away / (tolerance * tolerance)
-            if near <= 1.0 and flat <= 1.0 and near + flat < best:
-                best = near + flat
+            if apart <= 1.0 and flat <= 1.0 and apart + flat < best:
+                best = apart + flat
                 labels[i] = before[j]
         if labels[i] != 0:
-            given += 1
-    return given
+            returned += 1
+    return returned
 
 
 def roof_planes(labels: Labels, xyz: Points, fewest: int, least_normal_z: float) -> list[RoofPlane]:

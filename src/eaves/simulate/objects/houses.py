@@ -225,11 +225,11 @@ def draw_perimeter(length: float, width: float, rng: np.random.Generator) -> Des
     outline = shapely.union_all(wings, grid_size=0.001)
     inner = shapely.buffer(outline, -0.3, join_style="mitre")
     parapet = rng.uniform(0.4, 1.1)
-    whole = (
+    ring = (
         Mass(outline, ((0.0, 0.0, 0.0),)),
         Mass(shapely.difference(outline, inner), ((0.0, 0.0, parapet),), "parapet"),
     )
-    return Design(f"{_LETTER[sides]} flat", lifted(whole, eaves))
+    return Design(f"{_LETTER[sides]} flat", lifted(ring, eaves))
 
 
 _LETTER = {"SEWN": "courtyard", "SEW": "U-shape", "SE": "L-shape"}

@@ -76,8 +76,8 @@ def roof_partition(masses: tuple[Mass, ...]) -> list[tuple[Polygon, Plane]]:
         planes.setdefault(key, plane)
     partition = []
     for key in sorted(by_plane):
-        whole = shapely.coverage_union_all(by_plane[key])
-        partition += [(part, planes[key]) for part in shapely.get_parts(whole)]
+        union = shapely.coverage_union_all(by_plane[key])
+        partition += [(part, planes[key]) for part in shapely.get_parts(union)]
     return sorted(
         partition, key=lambda face: (round(face[0].bounds[0], 3), round(face[0].bounds[1], 3), face[1])
     )
@@ -88,8 +88,8 @@ def _lowest_faces(mass: Mass) -> list[tuple[Polygon, Plane, Mass]]:
     faces = []
     for number, plane in enumerate(mass.planes):
         polygon = mass.polygon
-        for other, rival in enumerate(mass.planes):
-            if other != number:
+        for rank, rival in enumerate(mass.planes):
+            if rank != number:
                 polygon = shapely.intersection(polygon, _half_plane(plane, rival, mass.polygon))
         faces += [
             (part, plane, mass)

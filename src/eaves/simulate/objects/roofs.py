@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.model import PointCloud
+from eaves.model import PointCloud, Values
 from eaves.model.checks import check_positive
 from eaves.model.cloud import BUILDING, GROUND, UNCLASSIFIED
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace, ExactScene
@@ -200,7 +199,7 @@ def nine_roofs_on_a_slope(density: float = 10.0, noise: float = 0.02, seed: int 
     return sample_from_above(tuple(buildings), 3 * PITCH, density, noise, seed)
 
 
-def _ground_at(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ground_at(xy: Values) -> Values:
     return np.asarray(SLOPE[0] * xy[:, 0] + SLOPE[1] * xy[:, 1] + SLOPE[2])
 
 
@@ -216,20 +215,20 @@ def sample_from_above(
     number, plane = np.zeros(count, np.int32), np.zeros(count, np.int32)
     for building in buildings:
         west, south, east, north = building.footprint.bounds
-        near = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
-        some = np.flatnonzero(near)
+        boxed = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
+        candidates = np.flatnonzero(boxed)
         for face in building.faces:
-            on = some[shapely.contains_xy(face.polygon, xy[some, 0], xy[some, 1])]
+            on = candidates[shapely.contains_xy(face.polygon, xy[candidates, 0], xy[candidates, 1])]
             z[on], plane[on] = face.height_at(xy[on]), face.number
             truth_class[on], number[on] = BUILDING, building.number
     z += rng.normal(0.0, noise, count)
-    one = np.ones(count, np.uint8)
+    single = np.ones(count, np.uint8)
     world = np.column_stack([xy[:, 0] + ORIGIN[0], xy[:, 1] + ORIGIN[1], z])
     cloud = PointCloud.from_world(
         world,
         ORIGIN,
-        return_number=one,
-        number_of_returns=one,
+        return_number=single,
+        number_of_returns=single,
         classification=np.full(count, UNCLASSIFIED, np.uint8),
         point_id=np.arange(count),
     )

@@ -65,10 +65,10 @@ def extrude_partition(faces: Sequence[tuple[Polygon, Plane]], base: float) -> So
         result.append(Face(shell, ROOF_SURFACE, number))
     outside: dict[Node, list[Node]] = {}
     for (p, q), number in left.items():
-        other = left.get((q, p))
-        if other is None:
+        beside = left.get((q, p))
+        if beside is None:
             outside.setdefault(q, []).append(p)
-        low = [base, base] if other is None else [roof(p, other), roof(q, other)]
+        low = [base, base] if beside is None else [roof(p, beside), roof(q, beside)]
         high = [roof(p, number), roof(q, number)]
         if high[0] + high[1] > low[0] + low[1]:
             ring = stack(q, low[1], high[1]) + stack(p, low[0], high[0])[::-1]
@@ -124,12 +124,12 @@ def _leave_out_straight_nodes(rings: list[list[Ring]]) -> None:
     )
     for face in rings:
         for number, ring in enumerate(face):
-            kept = [
+            bends = [
                 node
                 for before, node, after in zip(ring[-1:] + ring[:-1], ring, ring[1:] + ring[:1], strict=True)
                 if degree[node] > 2 or not _straight(before, node, after)
             ]
-            face[number] = kept
+            face[number] = bends
 
 
 def _straight(p: Node, q: Node, r: Node) -> bool:
@@ -143,11 +143,11 @@ def _add_crossing_nodes(rings: list[list[Ring]], planes: list[Plane]) -> None:
     left = {edge: number for number, face in enumerate(rings) for edge in _edges(face)}
     inserted: dict[tuple[Node, Node], Node] = {}
     for (p, q), number in left.items():
-        other = left.get((q, p))
-        if other is None or (q, p) in inserted:
+        beside = left.get((q, p))
+        if beside is None or (q, p) in inserted:
             continue
-        first = _height(p, planes[number]) - _height(p, planes[other])
-        last = _height(q, planes[number]) - _height(q, planes[other])
+        first = _height(p, planes[number]) - _height(p, planes[beside])
+        last = _height(q, planes[number]) - _height(q, planes[beside])
         if min(first, last) < -SAME_HEIGHT and max(first, last) > SAME_HEIGHT:
             share = first / (first - last)
             middle = round(p[0] + share * (q[0] - p[0])), round(p[1] + share * (q[1] - p[1]))

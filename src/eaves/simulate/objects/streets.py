@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.model import Bounds
+from eaves.model import Bounds, Values
 from eaves.simulate.objects.houses import (
     Design,
     draw_church,
@@ -86,7 +85,7 @@ class Placement:
     angle: float
 
 
-Segment = tuple[NDArray[np.float64], NDArray[np.float64]]
+Segment = tuple[Values, Values]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,18 +101,18 @@ class Plot:
     length: float
     depth: float
     placements: list[Placement] = field(default_factory=list)
-    trees: list[NDArray[np.float64]] = field(default_factory=list)
-    shrubs: list[NDArray[np.float64]] = field(default_factory=list)
+    trees: list[Values] = field(default_factory=list)
+    shrubs: list[Values] = field(default_factory=list)
     hedges: list[Segment] = field(default_factory=list)
     fences: list[Segment] = field(default_factory=list)
     cars: list[tuple[float, float, float]] = field(default_factory=list)
 
-    def at(self, u: float, v: float) -> NDArray[np.float64]:
+    def at(self, u: float, v: float) -> Values:
         """The town coordinates of a place in the block's own."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)
         return np.array([self.x + u * cos - v * sin, self.y + u * sin + v * cos])
 
-    def corners(self) -> NDArray[np.float64]:
+    def corners(self) -> Values:
         """The four corners (4, 2)."""
         half = self.length / 2, self.depth / 2
         return np.stack([self.at(a * half[0], b * half[1]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
@@ -132,7 +131,7 @@ class Plot:
         x, y = self.at(u, v)
         self.cars.append((float(x), float(y), self.angle + turn))
 
-    def scatter(self, count: int, rng: np.random.Generator) -> list[NDArray[np.float64]]:
+    def scatter(self, count: int, rng: np.random.Generator) -> list[Values]:
         """Places at random."""
         u, v = rng.uniform(-0.5, 0.5, (2, count)) * [[self.length], [self.depth]]
         return [self.at(float(a), float(b)) for a, b in zip(u, v, strict=True)]
@@ -167,16 +166,16 @@ def lay_streets(
             plots.append(Plot(float(x), float(y), float(angle + turn), length, depth))
             u += length + STREET
         v += depth + STREET
-    near = [
+    nearby = [
         plot for plot in plots if bounds.buffered(PLOTS_BEYOND).contains(np.array([[plot.x, plot.y]])).all()
     ]
-    return [near[k] for k in rng.permutation(len(near))], strip
+    return [nearby[k] for k in rng.permutation(len(nearby))], strip
 
 
-def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> None:
+def draw_block(plot: Plot, style: TownStyle, uncut: bool, built: bool, rng: np.random.Generator) -> None:
     """The buildings and trees of a plot, drawn by the town's style, with its street trees and parked cars.
 
-    A plot that is not `whole` gets small houses only; one that is not `built` is a park.
+    A plot that is not `uncut` gets small houses only; one that is not `built` is a park.
     """
     blocks: dict[str, Callable[[Plot, np.random.Generator], None]] = {
         "detached": _detached,
@@ -191,7 +190,7 @@ def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.r
     }
     shares = BLOCK_SHARES[style]
     kind = str(rng.choice(list(shares), p=list(shares.values())))
-    if not whole and kind not in SMALL_BLOCKS:
+    if not uncut and kind not in SMALL_BLOCKS:
         kind = "detached"
     blocks[kind if built else "park"](plot, rng)
     for side in (-1.0, 1.0):

@@ -139,15 +139,15 @@ def triangulate_in_space(rings: list[NDArray[np.float64]]) -> NDArray[np.float64
     if not np.linalg.norm(normal) > 0:
         return np.zeros((0, 3, 3))
     axis = int(np.argmax(np.abs(normal)))
-    kept = [k for k in range(3) if k != axis]
-    polygon = as_polygon(Polygon(outer[:, kept], [ring[:, kept] for ring in rings[1:]]))
+    axes = [k for k in range(3) if k != axis]
+    polygon = as_polygon(Polygon(outer[:, axes], [ring[:, axes] for ring in rings[1:]]))
     if polygon is None:
         return np.zeros((0, 3, 3))
     plan = tile_polygon(polygon)
     corners = np.empty((*plan.shape[:2], 3))
-    corners[..., kept] = plan
+    corners[..., axes] = plan
     centre = outer.mean(axis=0)
-    corners[..., axis] = centre[axis] - (plan - centre[kept]) @ normal[kept] / normal[axis]
+    corners[..., axis] = centre[axis] - (plan - centre[axes]) @ normal[axes] / normal[axis]
     return corners
 
 

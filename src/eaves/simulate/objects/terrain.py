@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.model import Bounds, Values
+from eaves.model import Bounds, Mask, Values
 
 TerrainKind = Literal["flat", "slope", "hilly", "terraced"]
 
@@ -30,8 +29,8 @@ class Terrain:
     the squares that are water, one fewer than nodes along each side.
     """
 
-    heights: NDArray[np.float64]
-    water: NDArray[np.bool_]
+    heights: Values
+    water: Mask
     west: float
     south: float
     cell: float = CELL
@@ -44,7 +43,7 @@ class Terrain:
         heights = np.zeros((columns + 1, rows + 1))
         return cls(heights, np.zeros((columns, rows), bool), wide.west, wide.south)
 
-    def at(self, xy: NDArray[np.float64]) -> Values:
+    def at(self, xy: Values) -> Values:
         """Heights (N,) of the two-triangle surface at (N, 2 or 3); the rim's square beyond the rim."""
         columns, rows = self.water.shape
         x, y = (xy[:, 0] - self.west) / self.cell, (xy[:, 1] - self.south) / self.cell
@@ -55,7 +54,7 @@ class Terrain:
         northern = z[i, j] + fy * (z[i, j + 1] - z[i, j]) + fx * (z[i + 1, j + 1] - z[i, j + 1])
         return np.where(fx >= fy, southern, northern)
 
-    def nodes(self) -> NDArray[np.float64]:
+    def nodes(self) -> Values:
         """Plan coordinates of the nodes, (I, J, 2)."""
         x = self.west + self.cell * np.arange(self.heights.shape[0])
         y = self.south + self.cell * np.arange(self.heights.shape[1])
@@ -76,7 +75,7 @@ class Corridor:
     height: float
     bank_slope: float = 0.6
 
-    def distance(self, xy: NDArray[np.float64]) -> Values:
+    def distance(self, xy: Values) -> Values:
         """Distance (N,) or (I, J) from the axis."""
         across = -(xy[..., 0] - self.x) * np.sin(self.angle) + (xy[..., 1] - self.y) * np.cos(self.angle)
         return np.asarray(np.abs(across))
@@ -111,9 +110,7 @@ def make_terrain(kind: TerrainKind, bounds: Bounds, rng: np.random.Generator) ->
     return replace(blank, heights=heights - min(heights.min() - 2.0, 0.0))
 
 
-def _swells(
-    xy: NDArray[np.float64], rng: np.random.Generator, amplitude: float, lengths: tuple[float, float]
-) -> NDArray[np.float64]:
+def _swells(xy: Values, rng: np.random.Generator, amplitude: float, lengths: tuple[float, float]) -> Values:
     """A sum of five waves of random direction and phase whose standard deviation is about `amplitude` (m)."""
     total = np.zeros(xy.shape[:-1])
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""A block's outline divided along found walls, without gap or overlap."""
+"""Units merged where no wall shows, and a block's outline divided into them without gap or overlap."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from shapely import LineString, Polygon
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.methods import Method, parameter
+from eaves.model import Points
 from eaves.outline.toolkit.shared_edges import welded_outlines
+from eaves.units.row_walls.evidence import WINDOW_M, wall_odds, wall_signs
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 
 Walls = dict[tuple[int, int], float]
@@ -37,10 +40,10 @@ def label_unit_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUni
     for units in rows:
         row = units.row
         s, t = row.grid()
-        own = (t >= row.first) & (t < row.last)
-        step = np.broadcast_to(np.arange(len(row.first)), s.shape)[own]
+        inside = (t >= row.first) & (t < row.last)
+        step = np.broadcast_to(np.arange(len(row.first)), s.shape)[inside]
         unit = np.searchsorted(units.walls, step, side="right")
-        cells = plan.cells(*row.place(s[own], t[own]))
+        cells = plan.cells(*row.place(s[inside], t[inside]))
         label[cells] = number + unit
         number += len(units.walls) + 1
     return number - first
@@ -69,9 +72,9 @@ def wall_lines(
     for units in rows:
         row = units.row
         for wall in units.walls.tolist():
-            near = min(row.first[wall - 1], row.first[wall])
+            start = min(row.first[wall - 1], row.first[wall])
             far = max(row.last[wall - 1], row.last[wall])
-            ends = np.column_stack(row.place(np.array([wall, wall]) * CELL_M, np.array([near, far])))
+            ends = np.column_stack(row.place(np.array([wall, wall]) * CELL_M, np.array([start, far])))
             ends[0] -= carried_on(plan, label, ends[0], -row.across, farthest) * row.across
             ends[1] += carried_on(plan, label, ends[1], row.across, farthest) * row.across
             lines.append(LineString(ends))
@@ -97,14 +100,14 @@ def divide_outline(
     ]
     count = int(label.max(initial=0))
     owner = owners_by_cells(pieces, plan, label, count)
-    found = joined_pieces(pieces, owner, count)
-    parts = [part for part in found if part is not None]
-    kept = [k + 1 for k, part in enumerate(found) if part is not None]
-    whole = []
+    joined = joined_pieces(pieces, owner, count)
+    parts = [part for part in joined if part is not None]
+    numbers = [k + 1 for k, part in enumerate(joined) if part is not None]
+    polygons = []
     for part in welded_outlines(parts):
         plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
-        whole.append(shapely.orient_polygons(plain if plain.is_valid else part))
-    return whole, kept
+        polygons.append(shapely.orient_polygons(plain if plain.is_valid else part))
+    return polygons, numbers
 
 
 def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int32], count: int) -> list[int]:
@@ -133,3 +136,151 @@ def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int
                 owner[k] = int(np.argmax(border))
                 changed = True
     return owner
+
+
+MOST_ODDS = 5.0
+"""Log-odds further from 0 are as sure as these."""
+
+OF_ROWS = (0.06, 0.82)
+OF_BORDERS = (-0.92, 0.75)
+"""Log-odds that a wall is there: a + b · log-odds found; learned on the walls of the towns that the weights
+were learned on, by `python -m benchmarks.accuracy.unit_weights`.
+"""
+
+
+class MergeRules(Method):
+    """Rules for units that are too small, and walls that are too short."""
+
+    smallest_unit: float = parameter(
+        25.0,
+        "Area of the smallest unit; a smaller one is part of that with which it shares its longest border.",
+        unit="m2",
+        ge=0.0,
+    )
+    shortest_border: float = parameter(
+        WINDOW_M, "Shortest common border of units that stand wall to wall.", unit="m", ge=0.0
+    )
+
+
+def merged_units(
+    plan: Plan,
+    label: NDArray[np.int32],
+    rows: Sequence[RowUnits],
+    points: Points,
+    noise: float,
+    limits: MergeRules,
+) -> tuple[NDArray[np.int32], Walls]:
+    """The labels with small units given to those that they share the longest border with, and the units of
+    later rows to those of earlier ones where no wall is seen between them, numbered without gaps; and the
+    walls between them.
+    """
+    count = int(label.max(initial=0))
+    owner = np.repeat(np.arange(len(rows)), [len(row.walls) + 1 for row in rows])
+    target = np.arange(count + 1)
+    area = np.bincount(label.ravel(), minlength=count + 1) * CELL_M**2
+    borders = borders_between(label)
+    border: dict[tuple[int, int], float] = {}
+    for unit in range(count, 0, -1):
+        neighbours = [
+            (len(places), -neighbour, places)
+            for pair, places in borders.items()
+            if unit in pair
+            for neighbour in pair
+            if neighbour != unit
+        ]
+        neighbours.sort(key=lambda entry: entry[:2], reverse=True)
+        if neighbours and area[unit] < limits.smallest_unit:
+            target[head_of(target, unit)] = head_of(target, -neighbours[0][1])
+            continue
+        for length, neighbour, places in ((length, -minus, places) for length, minus, places in neighbours):
+            if owner[neighbour - 1] >= owner[unit - 1] or length * CELL_M < limits.shortest_border:
+                continue
+            border[neighbour, unit] = border_odds(plan, places, points, noise)
+            if border[neighbour, unit] < 0.0:
+                first, second = sorted((head_of(target, unit), head_of(target, neighbour)))
+                target[second] = first
+    target = np.array([head_of(target, unit) for unit in range(count + 1)])
+    names, number = np.unique(target[label], return_inverse=True)
+    number = number.reshape(label.shape)
+    if names[0] != 0:
+        number = number + 1
+    final = np.zeros(count + 1, np.int64)
+    final[label.ravel()] = number.ravel()
+    walls: Walls = {}
+    sure = np.concatenate([[0.0], *([*row.certainty, 0.0] for row in rows)])
+    for (a, b), places in sorted(borders.items(), key=lambda item: (-len(item[1]), item[0])):
+        first, second = sorted((int(final[a]), int(final[b])))
+        if first == second or (first, second) in walls:
+            continue
+        if owner[a - 1] == owner[b - 1]:
+            walls[first, second] = sure_in_row(float(sure[min(a, b)]))
+            continue
+        if len(places) * CELL_M < limits.shortest_border:
+            continue
+        if (a, b) not in border:
+            border[a, b] = border_odds(plan, places, points, noise)
+        walls[first, second] = sure_on_border(border[a, b])
+    return number.astype(np.int32), walls
+
+
+def head_of(target: NDArray[np.int64], unit: int) -> int:
+    """The unit that a unit was given to in the end."""
+    while target[unit] != unit:
+        unit = int(target[unit])
+    return unit
+
+
+def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[np.float64]]:
+    """The places (M, 2; row, column) between cells of two units, by their numbers, the smaller first."""
+    pairs, places = [], []
+    for axis in (0, 1):
+        first = label[:-1] if axis == 0 else label[:, :-1]
+        second = label[1:] if axis == 0 else label[:, 1:]
+        row, column = np.nonzero((first != second) & (first > 0) & (second > 0))
+        pairs.append(np.sort(np.column_stack([first[row, column], second[row, column]]), axis=1))
+        places.append(np.column_stack([row + (axis == 0) * 0.5, column + (axis == 1) * 0.5]))
+    couples, where = np.vstack(pairs), np.vstack(places)
+    if len(couples) == 0:
+        return {}
+    names, number = np.unique(couples, axis=0, return_inverse=True)
+    order = np.argsort(number.ravel(), kind="stable")
+    cuts = np.searchsorted(number.ravel()[order], np.arange(1, len(names)))
+    return {
+        (int(a), int(b)): where[members]
+        for (a, b), members in zip(names.tolist(), np.split(order, cuts), strict=True)
+    }
+
+
+def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, noise: float) -> float:
+    """Log-odds of a wall along the border through places (M, 2; row, column), from the points beside it."""
+    xy = np.column_stack(
+        [plan.west + (places[:, 1] + 0.5) * CELL_M, plan.south + (places[:, 0] + 0.5) * CELL_M]
+    )
+    centre = xy.mean(axis=0)
+    _, _, axes = np.linalg.svd(xy - centre, full_matrices=False)
+    across = axes[0] * (1.0 if axes[0][int(np.argmax(np.abs(axes[0])))] > 0 else -1.0)
+    along = np.array([across[1], -across[0]])
+    t = (xy - centre) @ across
+    steps = int(2 * WINDOW_M / CELL_M)
+    row = HouseRow(
+        centre - WINDOW_M * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
+    )
+    odds = wall_odds(wall_signs(row, points, noise))
+    return float(odds[steps // 2 - 2 : steps // 2 + 3].max())
+
+
+def sure_in_row(chance: float) -> float:
+    """The calibrated probability of a wall in a row, from that among all divisions of the row."""
+    with np.errstate(divide="ignore"):
+        return calibrated(float(np.log(chance) - np.log1p(-chance)), OF_ROWS)
+
+
+def sure_on_border(odds: float) -> float:
+    """The calibrated probability of a wall on the border of two rows, from its log-odds."""
+    return calibrated(odds, OF_BORDERS)
+
+
+def calibrated(odds: float, line: tuple[float, float]) -> float:
+    """The probability at log-odds on a line [platt1999]."""
+    bounded = float(np.clip(odds, -MOST_ODDS, MOST_ODDS))
+    return float(1.0 / (1.0 + np.exp(-line[0] - line[1] * bounded)))

@@ -8,13 +8,12 @@ decides.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
 from eaves.geometry.planes import CALM_QUANTILE, measure_noise
 from eaves.kernels import kernel
-from eaves.model import Points
+from eaves.model import Points, Values
 from eaves.units.row_walls.rows import CELL_M, HouseRow
 
 DEPTH_STEP_M = 0.5
@@ -62,12 +61,12 @@ def roof_noise(points: Points) -> float:
     return max(measured, USUAL_NOISE_M)
 
 
-def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float64]:
+def wall_signs(row: HouseRow, points: Points, noise: float) -> Values:
     """The signs (S + 1, 3) of a wall at each step along the row, from its roof points (N, 3): the share
     of its depth that steps, the mean folds (slopes) of valleys and of ridges."""
     s, t = row.coordinates(points[:, :2])
-    used = row.last > row.first
-    low = float(row.first[used].min()) - DEPTH_STEP_M
+    filled = row.last > row.first
+    low = float(row.first[filled].min()) - DEPTH_STEP_M
     depths = int((row.last.max() - low) / DEPTH_STEP_M) + 2
     line = low + np.arange(depths) * DEPTH_STEP_M
     moments = moments_kernel(s, t - low, points[:, 2], depths, len(row.first))
@@ -79,12 +78,12 @@ WEIGHTS = {"one": -4.7, "share": 6.13, "ridge": -12.59, "full valley": 3.03}
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
 
 
-def wall_odds(signs: NDArray[np.float64]) -> NDArray[np.float64]:
+def wall_odds(signs: Values) -> Values:
     """Log-odds (S + 1,) of a party wall from its signs (S + 1, 3), by logistic regression."""
     return np.asarray(traits_of(signs) @ np.array(list(WEIGHTS.values())))
 
 
-def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
+def traits_of(signs: Values) -> Values:
     """The columns (S + 1, K) that `WEIGHTS` weigh."""
     share, valley, ridge = signs.T
     full = np.clip(2.0 * valley - 0.5, 0.0, 1.0)
@@ -93,18 +92,18 @@ def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @kernel
 def moments_kernel(
-    s: NDArray[np.float64],
-    t: NDArray[np.float64],
-    z: NDArray[np.float64],
+    s: Values,
+    t: Values,
+    z: Values,
     depths: int,
     steps: int,
-) -> NDArray[np.float64]:
+) -> Values:
     """Running sums (D, S + 1, 10) of 1, s, t, s², s t, t², z, s z, t z, z² along each of D lines of S steps.
 
     A point counts for the four nearest nodes by its nearness to each, so that it passes from one to the next
     as it moves; a line then takes half of those beside it. t counts from the first line.
     """
-    own = np.zeros((depths, steps + 1, 10))
+    cells = np.zeros((depths, steps + 1, 10))
     for k in range(len(s)):
         place, depth = s[k] / CELL_M - 0.5, t[k] / DEPTH_STEP_M
         left, under = int(np.floor(place)), int(np.floor(depth))
@@ -113,7 +112,7 @@ def moments_kernel(
                 if i < 0 or i >= depths or j < 0 or j >= steps:
                     continue
                 weight = (1.0 - abs(depth - i)) * (1.0 - abs(place - j))
-                node = own[i, j + 1]
+                node = cells[i, j + 1]
                 node[0] += weight
                 node[1] += weight * s[k]
                 node[2] += weight * t[k]
@@ -125,16 +124,16 @@ def moments_kernel(
                 node[8] += weight * t[k] * z[k]
                 node[9] += weight * z[k] * z[k]
     for j in range(steps):
-        own[:, j + 1] += own[:, j]
-    sums = own.copy()
-    sums[1:] += 0.5 * own[:-1]
-    sums[:-1] += 0.5 * own[1:]
+        cells[:, j + 1] += cells[:, j]
+    sums = cells.copy()
+    sums[1:] += 0.5 * cells[:-1]
+    sums[:-1] += 0.5 * cells[1:]
     return sums
 
 
 @kernel
 def side_kernel(
-    sums: NDArray[np.float64], at: int, way: int, room: int, s0: float, t0: float, noise: float
+    sums: Values, at: int, way: int, room: int, s0: float, t0: float, noise: float
 ) -> tuple[float, float, float, float]:
     """Planarity (0 to 1) of the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`;
     how many they are, the height of their plane at (s0, t0), and its slope along the row.
@@ -142,9 +141,9 @@ def side_kernel(
     Three windows, at most `room` steps wide, and the same farther away: each takes of what those before it
     left as much as its points lie on a plane.
     """
-    left, count, height, slope = 1.0, 0.0, 0.0, 0.0
-    for tried in range(6):
-        width, gap = room >> (tried % 3), 1 if tried < 3 else WIDE
+    remainder, count, height, slope = 1.0, 0.0, 0.0, 0.0
+    for attempt in range(6):
+        width, gap = room >> (attempt % 3), 1 if attempt < 3 else WIDE
         low, high = (at - gap - width, at - gap) if way < 0 else (at + gap, at + gap + width)
         low, high = max(low, 0), min(high, len(sums) - 1)
         if low >= high:
@@ -158,31 +157,29 @@ def side_kernel(
         ss, st, tt = q[3] / n - s * s, q[4] / n - s * t, q[5] / n - t * t
         sz, tz, zz = q[7] / n - s * z, q[8] / n - t * z, q[9] / n - z * z
         ss, tt = ss + LEAST_SPREAD, tt + LEAST_SPREAD
-        whole = ss * tt - st * st
-        east, north = (sz * tt - tz * st) / whole, (tz * ss - sz * st) / whole
+        determinant = ss * tt - st * st
+        east, north = (sz * tt - tz * st) / determinant, (tz * ss - sz * st) / determinant
         off = max(zz - east * sz - north * tz, 0.0) / (noise * noise)
-        weight = left * enough / (1.0 + off**4)
-        left -= weight
+        weight = remainder * enough / (1.0 + off**4)
+        remainder -= weight
         count += weight * n
         height += weight * (z + east * (s0 - s) + north * (t0 - t))
         slope += weight * east
-    flat = 1.0 - left
+    flat = 1.0 - remainder
     if flat < 1e-6:
         return 0.0, 0.0, 0.0, 0.0
     return flat, count / flat, height / flat, slope / flat
 
 
 @kernel
-def signs_kernel(
-    sums: NDArray[np.float64], ground: NDArray[np.float64], window: int, noise: float
-) -> NDArray[np.float64]:
+def signs_kernel(sums: Values, ground: Values, window: int, noise: float) -> Values:
     """The signs at each of S + 1 steps; see `wall_signs`."""
     depths, steps = ground.shape
     signs = np.zeros((steps + 1, 3))
     straight = 2.0 * noise + 0.03
     for j in range(1, steps):
         place = j * CELL_M
-        both = 0.0
+        total = 0.0
         for i in range(depths):
             here = min(ground[i, j - 1], ground[i, j])
             if here == 0.0:
@@ -193,7 +190,7 @@ def signs_kernel(
             weight = here * good * fine
             if weight < 1e-6:
                 continue
-            both += weight
+            total += weight
             jump = abs(after - before)
             fold = min(max(fall - rise, -1.5), 1.5)
             crossing = (CROSSING_M * abs(fold)) ** 4
@@ -205,5 +202,5 @@ def signs_kernel(
                 signs[j, 1] += weight * fold
             else:
                 signs[j, 2] -= weight * fold
-        signs[j] /= both + 0.5
+        signs[j] /= total + 0.5
     return signs

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Points, Values
-from eaves.units.row_walls.chain import chances_of, likely_walls
-from eaves.units.row_walls.division import RowUnits, divide_outline, label_unit_cells
+from eaves.model import Integers, Points, Values
+from eaves.units.row_walls.division import (
+    MergeRules,
+    RowUnits,
+    divide_outline,
+    label_unit_cells,
+    merged_units,
+)
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
-from eaves.units.row_walls.merging import MergeRules, merged_units
 from eaves.units.row_walls.rows import CELL_M, HOUSE_M, SAME_DEG, HouseRow, Plan, RowRules, rows_of
-from eaves.units.row_walls.several import SURE, odds_of_several
 from eaves.units.stage import Division, UnitMethod
 
 
@@ -98,23 +102,23 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
     ) -> Division:
         """The division; see the class."""
-        whole = Division((outline,), (1.0,))
+        undivided = Division((outline,), (1.0,))
         plan = Plan.of(outline, points)
         rows = list(rows_of(plan, directions_of(outline, self.shortest_front), self))
         if not rows:
-            return whole
+            return undivided
         noise = roof_noise(points)
         odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
-        found = [self.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
+        units = [self.walls_of(row, row_odds) for row, row_odds in zip(rows, odds, strict=True)]
         emit("rows", rows)
-        if odds_of_several(found, odds, len(points), outline.area) < SURE:  # a house of wings stays one
-            return whole
+        if odds_of_several(units, odds, len(points), outline.area) < SURE:  # a house of wings stays one
+            return undivided
         label = np.zeros(plan.main.shape, np.int32)
-        label_unit_cells(plan, label, found, 1)
-        label, walls = merged_units(plan, label, found, points, noise, self)
+        label_unit_cells(plan, label, units, 1)
+        label, walls = merged_units(plan, label, units, points, noise, self)
         if label.max() < 2:
-            return whole
-        parts, number = divide_outline(outline, plan, label, found, self.carried_on)
+            return undivided
+        parts, number = divide_outline(outline, plan, label, units, self.carried_on)
         place = {unit: k for k, unit in enumerate(number)}
         return Division.of(
             parts,
@@ -157,7 +161,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         return np.asarray(self.odd_share * broad + (1.0 - self.odd_share) * peak * self.width_range)
 
 
-def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
+def directions_of(outline: Polygon, shortest: float) -> Values:
     """Unit vectors (K, 2) along the edges of an outline, those with most length first, each once and with at
     least the `shortest` length (m).
     """
@@ -165,7 +169,7 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
     step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings])
     length = np.hypot(step[:, 0], step[:, 1])
     angle = np.arctan2(step[:, 1], step[:, 0])
-    found: list[float] = []
+    directions: list[float] = []
     same = np.radians(SAME_DEG)
     while len(length):
         apart = np.mod(angle[:, None] - angle[None, :] + np.pi / 2, np.pi) - np.pi / 2
@@ -174,6 +178,117 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
         if weight[best] < shortest:
             break
         along_it = np.abs(apart[best]) < same
-        found.append(float(angle[best] - np.average(apart[best][along_it], weights=length[along_it])))
+        directions.append(float(angle[best] - np.average(apart[best][along_it], weights=length[along_it])))
         length, angle = length[~along_it], angle[~along_it]
-    return np.column_stack([np.cos(found), np.sin(found)])
+    return np.column_stack([np.cos(directions), np.sin(directions)])
+
+
+WEIGHTS = {"one": -5.16, "units": 4.01, "density": 0.38, "depth": -5.96, "second": 0.52}
+"""Of the traits in the log-odds that a block is several buildings; learned by
+`python -m benchmarks.accuracy.unit_weights` on towns and on drawn houses, halls and rows.
+"""
+
+MOST_UNITS = 8
+"""More units prove no more: a factory of a hundred bays would outweigh its depth."""
+
+SURE = 0.5
+"""Log-odds with which a block is divided: where one building is nearly as likely, that is simpler."""
+
+LEAST_ODDS, MOST_ODDS = -2.0, 4.0
+"""Log-odds of the second wall count within these; a block with one wall has the least.
+"""
+
+
+def odds_of_several(rows: Sequence[RowUnits], odds: Sequence[Values], points: int, area: float) -> float:
+    """Log-odds that a block of `area` (m²) with that many points is several buildings, from its divided rows
+    and the log-odds (S + 1,) of a wall at each step of each row.
+
+    A single wall proves nothing: every wing has one. That walls repeat, how strong the second is, how dense
+    the scan, and whether the row is as shallow as houses are, decide.
+    """
+    traits = traits_of_block(rows, odds, points, area)
+    return float(traits @ np.array(list(WEIGHTS.values())))
+
+
+def traits_of_block(rows: Sequence[RowUnits], odds: Sequence[Values], points: int, area: float) -> Values:
+    """The columns (5,) that `WEIGHTS` weigh: 1, the logarithms of the units to expect, of the density
+    (points/m²) and of how much deeper the row of most units is, the log-odds of the second wall.
+    """
+    strength = sorted(
+        float(row_odds[max(wall - NEAR, 0) : wall + NEAR + 1].max())
+        for units, row_odds in zip(rows, odds, strict=True)
+        for wall in units.walls.tolist()
+    )
+    longest = max(rows, key=lambda units: len(units.walls)).row
+    depth = (longest.last - longest.first)[longest.last > longest.first]
+    second = strength[-2] if len(strength) > 1 else LEAST_ODDS
+    return np.array(
+        [
+            1.0,
+            np.log(min(1.0 + sum(float(units.certainty.sum()) for units in rows), MOST_UNITS)),
+            np.log(max(points, 1) / area),
+            max(float(np.log(np.median(depth) / HOUSE_M)), 0.0),
+            np.clip(second, LEAST_ODDS, MOST_ODDS),
+        ]
+    )
+
+
+NEAR = 2
+"""Steps within which walls of two divisions agree."""
+
+LEAST = float(np.finfo(np.float64).tiny)
+"""Sum where no division is possible, so that shares are finite."""
+
+
+def chances_of(odds: Values, width_odds: Values, prior: Values) -> Values:
+    """The share (S + 1,) of all divisions that have a wall at each step, each as likely as its product.
+
+    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds`
+    (U, S + 1), of which one row holds for all units, each row as likely as its `prior` (U,): forward-backward
+    sums over all divisions [rabiner1989].
+    """
+    forward, backward = sums_kernel(odds, width_odds)
+    chance = prior @ (forward * backward) / max(float(prior @ forward[:, -1]), LEAST)
+    chance[[0, -1]] = 0.0
+    return np.asarray(chance)
+
+
+def likely_walls(chance: Values, least: float) -> tuple[Integers, Values]:
+    """The steps (W,) near which divisions agree on a wall, and the share of them (W,), at least `least`.
+
+    A wall stands at the mean of the places that divisions give it.
+    """
+    remainder, walls = chance.copy(), []
+    steps = np.arange(len(chance))
+    while len(remainder) > 2 * NEAR:
+        sums = np.convolve(remainder, np.ones(2 * NEAR + 1), "same")
+        middle = int(np.argmax(sums))
+        if sums[middle] < least:
+            break
+        around = np.abs(steps - middle) <= NEAR
+        walls.append(
+            (round(float(steps[around] @ remainder[around] / sums[middle])), min(float(sums[middle]), 1.0))
+        )
+        remainder[np.abs(steps - middle) <= 2 * NEAR] = 0.0
+    walls.sort()
+    return np.array([wall for wall, _ in walls], np.int64), np.array([sure for _, sure in walls])
+
+
+@kernel
+def sums_kernel(odds: Values, width_odds: Values) -> tuple[Values, Values]:
+    """For each row of widths (U, S + 1) and each step the sum over all divisions up to it with a wall there,
+    and that over all after it, its own odds left out; the first and the last step are walls of odds 1.
+    """
+    rows, count = width_odds.shape
+    forward, backward = np.zeros((rows, count)), np.zeros((rows, count))
+    forward[:, 0] = backward[:, count - 1] = 1.0
+    for row in range(rows):
+        for end in range(1, count):
+            for start in range(end):
+                forward[row, end] += forward[row, start] * width_odds[row, end - start]
+            forward[row, end] *= odds[end] if end < count - 1 else 1.0
+        for start in range(count - 2, -1, -1):
+            for end in range(start + 1, count):
+                factor = odds[end] if end < count - 1 else 1.0
+                backward[row, start] += width_odds[row, end - start] * factor * backward[row, end]
+    return forward, backward

@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.inside import edges_of
 from eaves.methods import Method, parameter
-from eaves.model import Mask, Points
+from eaves.model import Integers, Mask, Points, Values
 
 CELL_M = 0.25
 """Side of a cell (m) of the plan on which rows claim their ground; the finest that a wall's place needs."""
@@ -87,7 +86,7 @@ class Plan:
     """Cells of a block: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
 
     main: Mask
-    height: NDArray[np.float64]
+    height: Values
     """Mean height (m) of the points in each cell (H, W), NaN where there is none."""
     west: float
     south: float
@@ -116,9 +115,7 @@ class Plan:
         height = np.where(count > 1e-9, total / np.maximum(count, 1e-9), np.nan)
         return cls(main.reshape(rows, columns), height, west, south, outline)
 
-    def cells(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def cells(self, x: Values, y: Values) -> tuple[Integers, Integers]:
         """Row and column of the cells that places lie in, held inside the plan's empty rim."""
         rows, columns = self.main.shape
         column = ((x - self.west) / CELL_M).astype(np.int64)
@@ -133,65 +130,61 @@ class HouseRow:
     `first` and `last` (S,) bound t (m) over each step of s; where they are equal the row has no ground.
     """
 
-    origin: NDArray[np.float64]
-    along: NDArray[np.float64]
-    across: NDArray[np.float64]
-    first: NDArray[np.float64]
-    last: NDArray[np.float64]
+    origin: Values
+    along: Values
+    across: Values
+    first: Values
+    last: Values
 
     @property
     def length(self) -> float:
         """Of the front (m)."""
         return len(self.first) * CELL_M
 
-    def grid(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def grid(self) -> tuple[Values, Values]:
         """Row coordinates s, t (T, S) of a grid of cells over the row."""
         s = (np.arange(len(self.first)) + 0.5) * CELL_M
-        used = self.last > self.first
-        return np.meshgrid(s, np.arange(self.first[used].min(), self.last.max(), CELL_M) + 0.5 * CELL_M)
+        filled = self.last > self.first
+        return np.meshgrid(s, np.arange(self.first[filled].min(), self.last.max(), CELL_M) + 0.5 * CELL_M)
 
-    def ground(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def ground(self) -> tuple[Values, Values]:
         """x, y (M,) of the middles of the row's cells."""
         s, t = self.grid()
-        own = (t >= self.first) & (t < self.last)
-        return self.place(s[own], t[own])
+        inside = (t >= self.first) & (t < self.last)
+        return self.place(s[inside], t[inside])
 
-    def place(
-        self, s: NDArray[np.float64], t: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def place(self, s: Values, t: Values) -> tuple[Values, Values]:
         """x, y of row coordinates."""
         x, y = (self.origin[k] + s * self.along[k] + t * self.across[k] for k in range(2))
         return x, y
 
-    def coordinates(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def coordinates(self, xy: Values) -> tuple[Values, Values]:
         """Row coordinates s, t (N,) of places (N, 2)."""
         turn = np.linalg.inv(np.column_stack([self.along, self.across]))
         x, y = xy[:, 0] - self.origin[0], xy[:, 1] - self.origin[1]
-        s, t = (x * one + y * other for one, other in turn)
+        s, t = (x * a + y * b for a, b in turn)
         return s, t
 
-    def rim(self) -> NDArray[np.float64]:
+    def rim(self) -> Values:
         """Places (M, 2) around the row's ground, from step to step."""
-        used = np.flatnonzero(self.last > self.first)
-        s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
-        s[[0, -1]], s[[len(used) - 1, len(used)]] = 0.0, self.length
-        return np.column_stack(self.place(s, np.concatenate([self.first[used], self.last[used][::-1]])))
+        filled = np.flatnonzero(self.last > self.first)
+        s = CELL_M * np.concatenate([filled + 0.5, filled[::-1] + 0.5])
+        s[[0, -1]], s[[len(filled) - 1, len(filled)]] = 0.0, self.length
+        return np.column_stack(self.place(s, np.concatenate([self.first[filled], self.last[filled][::-1]])))
 
     def frame(self) -> LineString:
         """The parallelogram around the row's ground."""
-        near, far = float(self.first.min()), float(self.last.max())
-        s, t = np.array([0.0, self.length, self.length, 0.0, 0.0]), np.array([near, near, far, far, near])
+        low, far = float(self.first.min()), float(self.last.max())
+        s, t = np.array([0.0, self.length, self.length, 0.0, 0.0]), np.array([low, low, far, far, low])
         return LineString(np.column_stack(self.place(s, t)))
 
 
-def fronts_of(
-    outline: Polygon, directions: NDArray[np.float64], limits: RowRules
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def fronts_of(outline: Polygon, directions: Values, limits: RowRules) -> Iterator[tuple[Values, Values]]:
     """Start and end (2,) of the straight fronts of an outline along directions (K, 2), the interior on their
     left: edges along one direction that follow each other on a ring with no more than a jog between them.
     """
-    whole = shapely.orient_polygons(outline)
-    for ring in (whole.exterior, *whole.interiors):
+    oriented = shapely.orient_polygons(outline)
+    for ring in (oriented.exterior, *oriented.interiors):
         xy = np.asarray(ring.coords)[:-1, :2]
         step = np.roll(xy, -1, axis=0) - xy
         cosine = step @ directions.T / np.maximum(np.hypot(step[:, 0], step[:, 1]), CELL_M)[:, None]
@@ -211,9 +204,7 @@ def fronts_of(
                     yield s[edges].min() * along + offset * across, s[ends].max() * along + offset * across
 
 
-def chains_of(
-    edges: NDArray[np.int64], s: NDArray[np.float64], t: NDArray[np.float64], limits: RowRules
-) -> list[NDArray[np.int64]]:
+def chains_of(edges: Integers, s: Values, t: Values, limits: RowRules) -> list[Integers]:
     """The edges (K,) of a ring of places s, t (N,), by their first vertices, in chains: from each to the next
     the ring leaves the front by no more than a jog."""
     linked = []
@@ -225,13 +216,13 @@ def chains_of(
     return np.split(np.roll(edges, -cuts[0] - 1), cuts[1:] - cuts[0]) if len(cuts) else [edges] * bool(linked)
 
 
-def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
+def by_length(front: tuple[Values, Values]) -> tuple[float, float, float]:
     """The key that sorts fronts, longest first, then by place."""
     start, end = front
     return -round(float(np.hypot(*(end - start))), 3), float(start[0]), float(start[1])
 
 
-def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[HouseRow]:
+def rows_of(plan: Plan, directions: Values, limits: RowRules) -> Iterator[HouseRow]:
     """The rows of a block, longest front first; what one claims no other has.
 
     `directions` (K, 2) are unit vectors along which fronts run, and walls, where they do not stand upright.
@@ -258,26 +249,24 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
 
 def square_share(plan: Plan, row: HouseRow, limits: RowRules) -> float:
     """Share of the outline around a row's ground that runs along its front or its walls."""
-    used = np.flatnonzero(row.last > row.first)
-    s = CELL_M * np.concatenate([used + 0.5, used[::-1] + 0.5])
-    rim = np.column_stack(row.place(s, np.concatenate([row.first[used], row.last[used][::-1]])))
+    filled = np.flatnonzero(row.last > row.first)
+    s = CELL_M * np.concatenate([filled + 0.5, filled[::-1] + 0.5])
+    rim = np.column_stack(row.place(s, np.concatenate([row.first[filled], row.last[filled][::-1]])))
     around = shapely.buffer(Polygon(rim), 0.5 * limits.jog)
-    near = shapely.get_parts(shapely.intersection(plan.outline.boundary, around))
-    step = np.vstack([np.zeros((1, 2)), *(np.diff(shapely.get_coordinates(line), axis=0) for line in near)])
+    pieces = shapely.get_parts(shapely.intersection(plan.outline.boundary, around))
+    step = np.vstack([np.zeros((1, 2)), *(np.diff(shapely.get_coordinates(line), axis=0) for line in pieces)])
     length = np.hypot(step[:, 0], step[:, 1])
     along = np.abs(step @ np.column_stack([row.along, row.across])).max(axis=1)
     square = along >= np.cos(np.radians(limits.most_turn)) * length
     return float(length[square].sum() / max(length.sum(), CELL_M))
 
 
-def leaning(
-    directions: NDArray[np.float64], upright: NDArray[np.float64], most_lean: float
-) -> list[NDArray[np.float64]]:
+def leaning(directions: Values, upright: Values, most_lean: float) -> list[Values]:
     """The directions (K, 2) that stand within `most_lean` (degrees) of upright, pointing the same way."""
     turned = directions * np.sign(directions @ upright)[:, None]
     cosine = turned @ upright
-    near = (cosine > np.cos(np.radians(most_lean))) & (cosine < np.cos(np.radians(SAME_DEG)))
-    return list(turned[near])
+    inclined = (cosine > np.cos(np.radians(most_lean))) & (cosine < np.cos(np.radians(SAME_DEG)))
+    return list(turned[inclined])
 
 
 def coherence(plan: Plan, row: HouseRow) -> float:
@@ -288,18 +277,18 @@ def coherence(plan: Plan, row: HouseRow) -> float:
     height = plan.height[plan.cells(*row.place(s, t))]
     height[(t < row.first) | (t >= row.last)] = np.nan
     change = height[:, 4:] - height[:, :-4]
-    known = np.isfinite(change)
-    count = known.sum(axis=0)
-    mean = np.where(known, change, 0.0).sum(axis=0) / np.maximum(count, 1)
+    finite = np.isfinite(change)
+    count = finite.sum(axis=0)
+    mean = np.where(finite, change, 0.0).sum(axis=0) / np.maximum(count, 1)
     return float((mean**2)[count > 4].sum() / max(int((count > 4).sum()), 1))
 
 
 def ground_behind(
     outline: BaseGeometry,
     free: BaseGeometry,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    across: NDArray[np.float64],
+    start: Values,
+    end: Values,
+    across: Values,
     limits: RowRules,
 ) -> HouseRow | None:
     """The ground behind a front, to where the outline ends; None where others have claimed it.
@@ -310,43 +299,49 @@ def ground_behind(
     along = (end - start) / length
     steps = int(length / CELL_M)
     origin = start + 0.5 * (length - steps * CELL_M) * along
-    whole = chords_of(outline, origin, along, across, steps, limits.jog)
-    first = np.unique(whole.step, return_index=True)[1]
-    first = first[whole.first[first] < limits.jog + 0.5]
+    chords = chords_of(outline, origin, along, across, steps, limits.jog)
+    first = np.unique(chords.step, return_index=True)[1]
+    first = first[chords.first[first] < limits.jog + 0.5]
     if len(first) == 0:
         return None
     begin, last = np.zeros(steps), np.zeros(steps)
-    begin[whole.step[first]], last[whole.step[first]] = whole.first[first], whole.last[first]
+    begin[chords.step[first]], last[chords.step[first]] = chords.first[first], chords.last[first]
     usual = float(np.median((last - begin)[last > begin]))
     last = np.where(last - begin > limits.most_deeper * usual, begin + usual, last)
-    left = chords_of(free, origin, along, across, steps, limits.jog)
-    low, high = np.maximum(left.first, begin[left.step]), np.minimum(left.last, last[left.step])
-    mine = np.zeros((2, steps))  # of what others left the longest piece
+    free_chords = chords_of(free, origin, along, across, steps, limits.jog)
+    low, high = (
+        np.maximum(free_chords.first, begin[free_chords.step]),
+        np.minimum(free_chords.last, last[free_chords.step]),
+    )
+    longest = np.zeros((2, steps))  # of what others left the longest piece
     order = np.argsort(high - low, kind="stable")
-    mine[:, left.step[order]] = low[order], high[order]
-    there = (last > begin) & (mine[1] - mine[0] >= 0.5 * (last - begin))
-    begin, last = np.where(there, mine, 0.0)
-    if there.sum() * CELL_M < limits.shortest_front or np.median((last - begin)[there]) < limits.narrowest:
+    longest[:, free_chords.step[order]] = low[order], high[order]
+    claimed = (last > begin) & (longest[1] - longest[0] >= 0.5 * (last - begin))
+    begin, last = np.where(claimed, longest, 0.0)
+    if (
+        claimed.sum() * CELL_M < limits.shortest_front
+        or np.median((last - begin)[claimed]) < limits.narrowest
+    ):
         return None
-    used = np.flatnonzero(there)
-    keep = slice(used[0], used[-1] + 1)
-    return HouseRow(origin + used[0] * CELL_M * along, along, across, begin[keep], last[keep])
+    filled = np.flatnonzero(claimed)
+    keep = slice(filled[0], filled[-1] + 1)
+    return HouseRow(origin + filled[0] * CELL_M * along, along, across, begin[keep], last[keep])
 
 
 class Chords(NamedTuple):
     """Pieces of lines across a row, one in the middle of each step, that lie in a shape: the step and the
     first and last t (m) of each piece (M,), step by step from the front."""
 
-    step: NDArray[np.int64]
-    first: NDArray[np.float64]
-    last: NDArray[np.float64]
+    step: Integers
+    first: Values
+    last: Values
 
 
 def chords_of(
     shape: BaseGeometry,
-    origin: NDArray[np.float64],
-    along: NDArray[np.float64],
-    across: NDArray[np.float64],
+    origin: Values,
+    along: Values,
+    across: Values,
     steps: int,
     jog: float,
 ) -> Chords:
@@ -366,5 +361,5 @@ def chords_of(
         t = t0[edge] + (step - place0[edge]) / (place1 - place0)[edge] * (t1 - t0)[edge]
     order = np.lexsort([t, step])
     first, last = np.maximum(t[order[::2]], -jog - 0.5), np.minimum(t[order[1::2]], 2.0 * HOUSE_M)
-    there = last > first
-    return Chords(step[order[::2]][there], first[there], last[there])
+    positive = last > first
+    return Chords(step[order[::2]][positive], first[positive], last[positive])
