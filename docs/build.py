@@ -1,9 +1,9 @@
 """Writes the generated pages: `make docs`, or `python -m docs.build`; `--check` lists what is out of date.
 
 docs/reference/ is made from the registry, the docstrings and references.bib, the classes in
-docs/conventions.md and the stages in docs/errors.md from the code, the list of tables in docs/results.md from
-benchmarks/results, the list of galleries in docs/README.md from docs/gallery. All else under docs/ is written
-by hand. Pictures: `python -m docs.pictures`.
+docs/conventions.md and the stages in docs/errors.md from the code, the list of tables in docs/results.md and
+the figures of docs/sources from benchmarks/results, the list of galleries in docs/README.md from docs/gallery.
+All else under docs/ is written by hand. Pictures: `python -m docs.pictures`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ from docs.code_tables import conventions_page, errors_page
 from docs.columns_page import columns_page
 from docs.method_pages import method_index, method_page
 from docs.results_page import results_page
+from docs.source_pages import source_page
 
 from eaves.methods import REGISTRY
+from eaves.recipe.sources import SOURCES
 
 DOCS = Path(__file__).parent
+RESULTS = DOCS.parent / "benchmarks" / "results"
 
 
 def reference_pages() -> dict[Path, str]:
@@ -31,6 +34,9 @@ def reference_pages() -> dict[Path, str]:
     }
     for name, page in (("conventions.md", conventions_page), ("errors.md", errors_page)):
         pages[Path(name)] = page((DOCS / name).read_text(encoding="utf-8"))
+    for name in ("README", *SOURCES):
+        path = Path(f"sources/{name}.md")
+        pages[path] = source_page((DOCS / path).read_text(encoding="utf-8"), name, RESULTS)
     for stage, names in REGISTRY.items():
         for name in names:
             pages[Path(f"reference/methods/{stage}-{name}.md")] = method_page(stage, name, DOCS)
@@ -67,9 +73,8 @@ def main() -> int:
         wrong = outdated()
         sys.stdout.writelines(f"docs/{path.as_posix()} is out of date; run make docs\n" for path in wrong)
         return int(bool(wrong))
-    tables = DOCS.parent / "benchmarks" / "results"
     pages = reference_pages() | {Path("README.md"): index_page()}
-    pages[Path("results.md")] = results_page((DOCS / "results.md").read_text(encoding="utf-8"), tables)
+    pages[Path("results.md")] = results_page((DOCS / "results.md").read_text(encoding="utf-8"), RESULTS)
     for path in outdated():
         if path not in pages:
             (DOCS / path).unlink()

@@ -147,7 +147,8 @@ def lines_of(values: Any) -> list[np.ndarray[Any, Any]]:
             continue
         ring = getattr(value, "points", getattr(value, "xy", value))
         if isinstance(ring, np.ndarray) and ring.ndim == 2 and ring.shape[1] >= 2:
-            lines.append(np.vstack([ring, ring[:1]])[:, :2])
+            closed = getattr(value, "closed", True)
+            lines.append((np.vstack([ring, ring[:1]]) if closed else ring)[:, :2])
         elif isinstance(value, list | tuple):
             lines += lines_of(value)
     return lines

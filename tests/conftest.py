@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import laspy
@@ -24,6 +26,18 @@ def data() -> Path:
     if not folder:
         pytest.skip("EAVES_DATA names no folder with the benchmark data")
     return Path(folder)
+
+
+@pytest.fixture
+def cjio(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module cjio.cityjson, without its rounding of every float the process writes as JSON.
+
+    On import it replaces parts of `json.encoder`, after which PROJJSON loses digits and systems their code.
+    """
+    monkeypatch.setattr(json.encoder, "c_make_encoder", json.encoder.c_make_encoder)
+    monkeypatch.setattr(json.encoder, "float", float, raising=False)
+    module: ModuleType = pytest.importorskip("cjio.cityjson")
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -157,15 +157,22 @@ class Method(BaseModel):
     def as_published(cls, paper: str | None = None) -> Self:
         """The method with every number its paper prints, and without what the paper does not have; in the
         system of another `paper` (key in references.bib) the numbers stay ours."""
+        return cls(**cls.published_values(paper))
+
+    @classmethod
+    def published_values(cls, paper: str | None = None) -> dict[str, Any]:
+        """What `as_published` changes, by the name of the parameter."""
         notes = cls.declared()
         values = {name: note["off"] for name, note in notes.items() if note["step"] is None}
         nested = {name: field.default for name, field in cls.model_fields.items()}
         values |= {
-            n: one.as_published(paper) for n, one in nested.items() if paper and isinstance(one, Method)
+            name: one.model_copy(update=one.published_values(paper))
+            for name, one in nested.items()
+            if paper and isinstance(one, Method)
         }
         if paper in (None, cls.paper):
             values |= {name: note["published"] for name, note in notes.items() if note["printed_in"]}
-        return cls(**{name: value for name, value in values.items() if value is not None})
+        return {name: value for name, value in values.items() if value is not None}
 
     @classmethod
     def declared(cls) -> dict[str, dict[str, Any]]:

@@ -21,8 +21,13 @@ from eaves.recipe.sources import SOURCES
 
 STEPS = [(source.name, *step) for source in SOURCES.values() for step in source.steps]
 NEEDS_DATA = pytest.mark.skipif("EAVES_DATA" not in os.environ, reason="EAVES_DATA names no folder of data")
-SETS = ("delft/ahn3.laz", "ign_urban", "misc/lidR_Topography.laz")
-"""Houses in rows; houses among vegetation; a wooded hill without any."""
+SETS = (
+    "delft/ahn3.laz",
+    "ign_urban/test_data_77050_627760_LA93_IGN69.laz",
+    "misc/lidR_Topography.laz",
+    "ign_urban/test_data_77050_627755_LA93_IGN69.laz",
+)
+"""Houses in rows; houses among vegetation; a wooded hill without any; houses that the rim cuts."""
 CANNOT_ACT = {
     ("xiao2014", "mean density"): "where echoes and small regions have left, crowns are as dense as roofs",
 }
@@ -31,9 +36,7 @@ CANNOT_ACT = {
 
 @cache
 def cloud_of(name: str) -> PointCloud:
-    place = Path(os.environ["EAVES_DATA"]) / name
-    found = read(sorted(place.glob("*.laz"))[1] if place.is_dir() else place)
-    return found.with_(classification=None).in_canonical_order()
+    return read(Path(os.environ["EAVES_DATA"]) / name).with_(classification=None).in_canonical_order()
 
 
 @cache

@@ -58,3 +58,22 @@ def test_cells_hold_their_points_and_a_margin() -> None:
     assert which.tolist() == [0, 1, 1]
     assert point.tolist() == [2, 0, 1]
     assert np.allclose(cells.centres(cells.cell[:1]), [[0.5, 0.5]])
+
+
+def test_points_near_a_plane_are_its_own_in_cells_that_do_not_join__and_alone_as_published() -> None:
+    """Step 4: a roof ends in a cell in which a quarter of the points, fewer than ten, lie on its plane."""
+    made = MadeScene(density=4.0)
+    made.box(30.0, 30.0, 45.0, 42.0, 6.0, 1)
+    lone = np.c_[45.3 + 0.1 * np.arange(3.0), 36.1 + 0.3 * np.arange(3.0)]
+    made.add(lone, np.full(3, 6.0), 2)
+    for number, (x, y) in ((-1, (45.1, 36.0)), (-2, (37.0, 36.0))):  # beside the roof, and over it
+        made.add(made.rng.uniform((x, y), (x + 1.3, y + 1.4), (9, 2)), made.rng.uniform(7.0, 9.0, 9), number)
+    scene, what = made.scene()
+    near = np.abs(scene.cloud.xyz[:, 2] - 6.0) < 0.05
+    printed = detect_buildings(scene, PlanarPatches.as_published(), min_area=0.0, min_height=0.0)
+    filled = detect_buildings(scene, PlanarPatches(cell=1.5))
+    assert (printed.label[(what == 2) & near] > 0).all()
+    assert not (printed.label[what < 0] > 0).any()
+    assert (filled.label[what == -2] > 0).all()
+    for found in (printed, filled):
+        assert (found.label[what == 1] > 0).mean() > 0.9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,8 @@ from eaves.detect.roof_attributes import RoofAttributes, micro_normals, roughnes
 from eaves.detect.toolkit.surface_grid import grow_back, nearest_surface, opened_by_area, share_around
 from eaves.geometry.planes import local_planes
 from eaves.model.scene import NOISE, TREE, WALL
+from eaves.recipe.recipe import make_recipe
+from eaves.recipe.sources import SOURCES
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 EVERY: list[type[Detector]] = [Contours, RoofAttributes, HeightTexture, NormalEcho]
@@ -175,3 +179,37 @@ def test_hard_points_give_no_building_and_no_traceback(cls: type[Detector], poin
     made.add(HARD[points][:, :2], HARD[points][:, 2], 1)
     scene, _ = made.scene()
     assert detect_buildings(scene, cls()).count == 0
+
+
+def test_gradient_density_is_of_a_segment_as_published_and_of_a_window_by_default() -> None:
+    """A house that a much larger crown touches is one segment with it."""
+    made = MadeScene(density=12.0, size=60.0)
+    made.box(30.0, 30.0, 40.0, 40.0, 6.0, 1)
+    crown = made.scatter(40.0, 24.0, 58.0, 46.0)
+    made.add(crown, made.rng.uniform(3.0, 14.0, len(crown)), -1)
+    scene, what = made.scene()
+    house = what == 1
+    printed = detect_buildings(scene, RoofAttributes.as_published())
+    ours = detect_buildings(scene, RoofAttributes())
+    assert (ours.label[house] > 0).mean() > 0.8
+    assert (printed.label[house] > 0).mean() < 0.2
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_the_operators_follow_one_another_as_printed__or_open_last(late: bool) -> None:
+    """A wing narrower than the opening is none of the opened groups as printed, and one by default."""
+    made = MadeScene(density=12.0)
+    made.box(20.0, 20.0, 32.0, 32.0, 6.0, 1)
+    made.box(32.0, 24.5, 44.0, 27.5, 6.0, 2)
+    scene, _ = made.scene()
+    steps: dict[str, Any] = {}
+    detect_buildings(scene, RoofAttributes(late_opening=late, min_width=5.0), debug=steps.__setitem__)
+    groups = steps["opened groups"]
+    row, column = groups.cell_of(np.array([[38.0, 26.0], [26.0, 26.0]]))
+    assert groups.values[row, column].tolist() == [late, True]
+
+
+@pytest.mark.parametrize("published", [False, True])
+def test_the_limits_of_a_run_are_off_as_published(published: bool) -> None:
+    for source in SOURCES:
+        assert (make_recipe(source=source, published=published).smallest == (0.0, 0.0)) == published

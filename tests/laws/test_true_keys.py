@@ -156,6 +156,7 @@ CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
     "the numbers of the ground": (with_recipe(ground_classes=(2, 8)), {"ground"}),
     "vegetation": (with_recipe(vegetation=None), {"regions"}),
     "water, wires and bridges": (with_recipe(others=False), {"regions"}),
+    "small buildings": (with_recipe(smallest=(0.0, 0.0)), {"regions"}),
     "snapping": (lambda run: run.with_options(snap_footprints=True), {"buildings"}),
     "later scans": (lambda run: replace(run, generations=(3,)), {"superseded"}),
     "an output": (lambda run: run.with_options(outputs=("footprints",)), set()),

@@ -14,6 +14,7 @@ from eaves.report.build import build
 from eaves.simulate.objects.roofs import ExactScene
 
 judges = pytest.importorskip("benchmarks.accuracy.judges")
+pytestmark = pytest.mark.usefixtures("cjio")  # which the judges import
 COLORADO = 950_000.0, 380_000.0, 1_600.0
 """A place (m) in EPSG:2231, whose unit is the US survey foot; heights are in it, too."""
 FEET = "geometry in US survey feet, attributes in metres"

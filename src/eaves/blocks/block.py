@@ -54,8 +54,9 @@ def block_pass(
     scene, on_decks, wires = see_block(cloud, block, recipe, beneath, decks)
     cloud = scene.cloud
     clock.lap("rasters")
-    nothing = Regions(np.zeros(len(cloud), np.int32))
-    regions = detect_buildings(on_decks, recipe.detect) if recipe.detect else nothing
+    regions, (area, height) = Regions(np.zeros(len(cloud), np.int32)), recipe.smallest
+    if recipe.detect is not None:
+        regions = detect_buildings(on_decks, recipe.detect, min_area=area, min_height=height)
     clock.lap("detect")
 
     inside = np.flatnonzero(core.contains(cloud.xyz))

@@ -39,7 +39,8 @@ class PlanarPatches(Detector):
     Fidelity
     --------
     Steps 1 to 6 are the document's; the contour itself, as a polygon, is `outline.AlphaShape`, and here its
-    area is taken on the cells, by closing with the same disc. The document names adaptive TIN and cites a
+    area is taken on the cells, by closing with the same disc. By default all points over the terrain inside
+    it are roof; `as_published` leaves them to the planes alone. The document names adaptive TIN and cites a
     slope filter; the ground here is Axelsson's adaptive TIN. Its numbers were set for 4 points/m², where a
     cell of 1.5 m is three spacings wide and holds nine points: by default the cell is three spacings wide,
     but not under 1 m (a crown is as smooth as a roof over half a metre); the counts of points stay as
@@ -165,6 +166,9 @@ class PlanarPatches(Detector):
         step="contour by alpha shape",
         ge=0.0,
     )
+    fill: bool = parameter(
+        True, "All points over the terrain inside a contour are roof, not those of planes alone.", off=False
+    )
     fit_points: int = parameter(5, "Fewest points of a cell that a plane is fitted to.", unit="point", ge=4)
 
     @property
@@ -185,20 +189,22 @@ class PlanarPatches(Detector):
         emit("patches", cells.raster(patch))
         planes = self.merge_patches(sums, patch, cells)
         emit("merged patches", cells.raster(planes.plane.copy()))
-        belongs = self.grow_planes(planes, xyz, cells, self.join_points)
+        member = self.grow_planes(planes, xyz, cells, self.join_points)
         emit("grown planes", cells.raster(planes.plane))
         building = self.cluster_planes(planes, cells, self.min_points)
         emit("clusters", cells.raster(building))
+        of_plane = np.zeros(len(planes.sums) + 1, np.int32)
+        of_plane[planes.plane] = building
 
         building = self.close_contours(building.reshape(cells.shape), side, scene.spacing).ravel()
         emit("contours", cells.raster(building))
 
-        inside = building[cells.cell]
-        roof = (inside > 0) & (height >= self.min_height)
+        inside = building[cells.cell] if self.fill else of_plane[member]
+        roof = (inside > 0) & (height >= (self.min_height if self.fill else -np.inf))
         number[used[roof]] = inside[roof]
         part = np.zeros(len(number), np.uint8)
         part[used[roof]] = ROOF
-        good = np.bincount(inside[roof & belongs], minlength=building.max(initial=0) + 1)[1:]
+        good = np.bincount(inside[roof & (member > 0)], minlength=building.max(initial=0) + 1)[1:]
         every = np.bincount(inside[roof], minlength=building.max(initial=0) + 1)[1:]
         return Regions(number, good / np.maximum(every, 1), part)
 
@@ -227,10 +233,11 @@ class PlanarPatches(Detector):
         plane[owner] = which + 1
         return Planes(plane, total[names])
 
-    def grow_planes(self, planes: Planes, xyz: Points, cells: Cells, many: float) -> NDArray[np.bool_]:
-        """Grow `planes` in place until nothing grows: step 4. Which points (N,) belong to their cell's."""
+    def grow_planes(self, planes: Planes, xyz: Points, cells: Cells, many: float) -> NDArray[np.int64]:
+        """Grow `planes` in place until nothing grows: step 4. The plane (N,) of each point, 0 for none: also
+        of those near a plane in a cell around it that does not join."""
         plane = planes.plane
-        belongs = plane[cells.cell] > 0
+        member = plane[cells.cell]
         changed = np.ones(len(planes.sums), bool)
         occupied = cells.count > 0
         while changed.any():
@@ -259,11 +266,13 @@ class PlanarPatches(Detector):
             won = np.zeros(len(key), bool)
             won[order[first]] = True
             plane[target[won]] = wanting[won]
-            fresh = point[near & won[which]]
-            belongs[fresh] = True
-            planes.sums += sums_of(xyz[fresh], plane[cells.cell[fresh]] - 1, len(planes.sums))
+            best = np.flatnonzero(near & (member[point] == 0))
+            best = best[np.lexsort((wanting[which[best]], np.abs(offset[best])))]
+            fresh, first = np.unique(point[best], return_index=True)
+            member[fresh] = wanting[which[best[first]]]
+            planes.sums += sums_of(xyz[fresh], member[fresh] - 1, len(planes.sums))
             changed[wanting[won] - 1] = True
-        return belongs
+        return member
 
     def close_contours(self, building: NDArray[np.int32], side: float, spacing: float) -> NDArray[np.int32]:
         """Buildings (H, W) with all that their contour encloses: step 6, on the cells.

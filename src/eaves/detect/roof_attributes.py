@@ -44,14 +44,16 @@ class RoofAttributes(SurfaceDetector):
     Fidelity
     --------
     Equations, ground filter and the rule of gradient density are the document's. The density is counted on
-    the raw high cells, before anything is smoothed away, within a window: the document counts it in a
-    segmented range, a region, and this is a cell's own. Its flow chart and the figure of the three operators
-    are not in the text; they are taken as (1) removal of cells with fewer than three neighbours of like
-    normal, (2) opening, by area and by the narrowest building, (3) reconstruction by dilation under the
-    normalised surface, cell by cell over cells of low gradient density around which some are roof-like, and
-    over the rim. No threshold is printed. A ridge or hip of two faces of 45° is a roof's: across a cell it
-    twists its heights by √½ of a side, more than tiles, gutters and the scan do, whose roughness the ground
-    shows.
+    the raw high cells, before anything is smoothed away, within a window around each: the document counts it
+    in a segmented region, which `as_published` does; where crowns touch roofs that is one region. Its flow
+    chart and the figure of the three operators are not in the text; they are taken as (1) removal of cells
+    with fewer than three neighbours of like normal, (2) opening, by area and by the narrowest building, (3)
+    reconstruction by dilation under the normalised surface, cell by cell over cells of low gradient density
+    around which some are roof-like, and over the rim. By default the opening by the narrowest building comes
+    last, for roofs with dormers are narrow before; `as_published` has it second. What is lower than
+    `min_height` is not off the ground: the document has no height. No threshold is printed. A ridge or hip
+    of two faces of 45° is a roof's: across a cell it twists its heights by √½ of a side, more than tiles,
+    gutters and the scan do, whose roughness the ground shows.
 
     Fails where
     -----------
@@ -81,6 +83,9 @@ class RoofAttributes(SurfaceDetector):
         step="gradient density",
         ge=0.0,
         le=1.0,
+    )
+    around_cells: bool = parameter(
+        True, "The density is counted in a window around each cell, not in segments of high cells.", off=False
     )
     max_roughness: float | None = parameter(
         None,
@@ -123,6 +128,11 @@ class RoofAttributes(SurfaceDetector):
         step="operator 2: opening",
         gt=0.0,
     )
+    late_opening: bool = parameter(
+        True,
+        "The opening by the narrowest building follows the reconstruction: dormers make roofs narrow before.",
+        off=False,
+    )
     min_share: float = parameter(
         0.1,
         "The reconstruction runs over cells around which this share is roof-like.",
@@ -148,8 +158,12 @@ class RoofAttributes(SurfaceDetector):
         rough = roughness(grid.surface)
         emit("cosine of slope", grid.cells.raster(normal[..., 2]))
         emit("roughness", grid.cells.raster(rough))
-        wide, least = round(self.window / grid.side), self.min_area / grid.side**2
-        density = share_around(normal[..., 2] < np.cos(np.radians(self.steep)), high, wide)
+        least, steep = self.min_area / grid.side**2, normal[..., 2] < np.cos(np.radians(self.steep))
+        if self.around_cells:
+            density = share_around(steep, high, round(self.window / grid.side))
+        else:
+            segment, count = connected(high)
+            density = np.r_[0.0, mean_in(segment, count, steep)][segment]
         emit("gradient density", grid.cells.raster(np.where(high, density, np.nan)))
         calm = high & (density <= self.max_density)
         emit("calm cells", grid.cells.raster(calm))
@@ -157,11 +171,12 @@ class RoofAttributes(SurfaceDetector):
         like = self.like_normal or self.derived_angle(scene, grid)
         roof = smooth & (count_like(normal, smooth, like) >= self.like_neighbours)
         emit("roof-like cells", grid.cells.raster(roof))
-        core = opened_by_area(roof, least)
-        emit("large groups", grid.cells.raster(core))
-        grown = self.grown(grid, core, roof, calm, high)
         square = np.ones((max(1, round(self.min_width / grid.side)),) * 2, bool)
-        grown = opened_by_area(ndimage.binary_opening(grown, square), least)
+        core = opened_by_area(roof if self.late_opening else ndimage.binary_opening(roof, square), least)
+        emit("opened groups", grid.cells.raster(core))
+        grown = self.grown(grid, core, roof, calm, high)
+        if self.late_opening:
+            grown = opened_by_area(ndimage.binary_opening(grown, square), least)
         whole = self.with_rim(grid, grown, high)
         emit("segments", grid.cells.raster(whole))
         label, count = connected(whole)

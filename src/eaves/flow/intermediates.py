@@ -124,7 +124,9 @@ def block_steps(run: Run, view: BlockView, wide: WideObjects | None) -> StepMaps
         classify_ground(raw, recipe.ground, wide=wide, debug=maps.of("ground", raw.xyz))
     if recipe.detect is None:
         return maps
-    regions = detect_buildings(seen, recipe.detect, debug=maps.of("detect", xyz))
+    area, height = recipe.smallest
+    keep = maps.of("detect", xyz)
+    regions = detect_buildings(seen, recipe.detect, min_area=area, min_height=height, debug=keep)
     maps.of("detect", xyz)("regions", regions.label)
     order = np.argsort(regions.label, kind="stable")
     for points in np.split(order, np.flatnonzero(np.diff(regions.label[order])) + 1):

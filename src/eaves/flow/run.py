@@ -238,6 +238,8 @@ def plan_run(
     single = options["classified"] is not None or goes_by_tiles(index, options)
     carries_edits = carries_edits and not single and (folder / EDITS).exists()
     plan = describe_plan(index, recipe, options, map_, hashes)
+    if options["as_published"] and options["source"]:
+        log.info("as published: %s", find_source(options["source"]).printed)
     if options["classified"] is None and not options["overwrite"]:
         refuse_overwrite(folder, plan, planned_files(index, options), carries_edits)
     warn_of_heights(index.system, options["formats"])
@@ -400,6 +402,7 @@ def describe_plan(
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,
         "vegetation": None if vegetation is None else vegetation.model_dump(),
         "others": recipe.others,
+        "smallest": recipe.smallest,
         "lod": recipe.lod,
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "buffer": recipe.buffer,

@@ -91,6 +91,7 @@ REGIONS = Step(
         "marks_vegetation",
         "marks_others",
         "keeps_low",
+        "smallest",
     ),
     shown=True,
 )

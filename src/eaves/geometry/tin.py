@@ -394,3 +394,13 @@ def linear_kernel(xy: Points, heights: Values, vertices: Ids, triangle: Ids, tar
         s, t = (wx * vy - wy * vx) / area, (ux * wy - uy * wx) / area
         found[i] = heights[a] + s * (heights[b] - heights[a]) + t * (heights[c] - heights[a])
     return found
+
+
+def areas_and_radii(xy: NDArray[np.float64], triangles: NDArray[Any]) -> tuple[Values, Values]:
+    """Area (T,), m², of triangles (T, 3) of points (N, 2 or 3) in plan, and radius (T,), m, of the circle
+    around each; infinite without an area."""
+    x, y = xy[:, 0][triangles], xy[:, 1][triangles]
+    dx, dy = x[:, [1, 2, 0]] - x, y[:, [1, 2, 0]] - y
+    area = 0.5 * np.abs(dx[:, 0] * dy[:, 1] - dy[:, 0] * dx[:, 1])
+    sides = np.sqrt((dx * dx + dy * dy).prod(axis=1))
+    return area, np.where(area > 1e-12, sides / np.maximum(4.0 * area, 1e-12), np.inf)

@@ -7,17 +7,15 @@ from typing import ClassVar
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.rings import as_polygon
-from eaves.methods import Emit, ignore, parameter
-from eaves.model import Boundary, Failure, Labels, Points
-from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_parts, traced_rings, triangulate_points
+from eaves.methods import Emit, parameter
+from eaves.model import Boundary
+from eaves.outline.toolkit.alpha_outline import AlphaOutline
 
 ALPHA_IN_SPACINGS = 4.8
 """The published 2.4 m at the published density of 4 points/m², that is a spacing of 0.5 m."""
 
 
-class AlphaShape(OutlineMethod):
+class AlphaShape(AlphaOutline):
     """The alpha shape of the points, simplified.
 
     The outline encloses the points so tightly that no empty disc of radius `alpha` can enter it. It is made
@@ -36,7 +34,8 @@ class AlphaShape(OutlineMethod):
     it is taken as the radius of the largest empty disc. Derived from the spacing it is 4.8 times that, 2.4
     m at the document's 4 points/m². Simplification is ours (the document shows raw contours);
     where a gap in the points would leave more than a twentieth of them outside, alpha is widened by steps of
-    1.5, which is ours too. `as_published` leaves both out.
+    1.5, which is ours too. `as_published` leaves both out, and in the chain of another paper, which has no
+    such number, the 50 m² too.
 
     Fails where
     -----------
@@ -70,6 +69,7 @@ class AlphaShape(OutlineMethod):
         unit="m²",
         published=50.0,
         printed_in="step 6",
+        off=0.0,
         ge=0,
     )
     tolerance: float | None = parameter(
@@ -79,37 +79,12 @@ class AlphaShape(OutlineMethod):
         off=0.0,
         ge=0,
     )
-    share: float = parameter(
-        SHARE,
-        "least share of the points inside; alpha is widened until it holds",
-        off=0.0,
-        ge=0,
-        le=1,
-    )
 
-    def parts(self, points: Points, spacing: float) -> Labels:
-        alpha = self.alpha or ALPHA_IN_SPACINGS * spacing
-        return alpha_parts(points[:, :2], alpha, self.share)
+    def radius(self, spacing: float) -> float:
+        return self.alpha or ALPHA_IN_SPACINGS * spacing
 
-    def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
-        """The rings of the alpha shape of `points` (N, 3)."""
-        alpha = self.alpha or ALPHA_IN_SPACINGS * spacing
-        rings = traced_rings(points, triangulate_points(points[:, :2]), alpha, share=self.share)
-        if isinstance(rings, Failure):
-            return rings
-        emit("alpha rings", rings)
-        return Boundary(tuple(rings), points, spacing)
-
-    def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
-        """The boundaries without small holes and zigzag, each on its own."""
-        return [self.simplified(boundary) for boundary in boundaries]
-
-    def simplified(self, boundary: Boundary) -> Polygon | Failure:
-        """One boundary without small holes and zigzag."""
-        outer, *holes = boundary.rings
-        rings = Polygon(outer, [hole for hole in holes if Polygon(hole).area >= self.min_hole])
+    def draw(self, boundary: Boundary, emit: Emit) -> Polygon:
+        """The boundary without zigzag."""
+        whole = Polygon(boundary.rings[0], boundary.rings[1:])
         tolerance = boundary.spacing if self.tolerance is None else self.tolerance
-        whole = as_polygon(shapely.simplify(rings, tolerance) if tolerance > 0 else rings)
-        if whole is None:
-            return Failure("no_area", f"a ring of {len(outer)} points encloses no area", "outline")
-        return whole
+        return shapely.simplify(whole, tolerance) if tolerance > 0 else whole

@@ -9,18 +9,16 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.rings import as_polygon
 from eaves.kernels import kernel
-from eaves.methods import Emit, ignore, parameter
-from eaves.model import Boundary, Failure, Labels, Points
-from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_parts, traced_rings, triangulate_points
+from eaves.methods import Emit, parameter
+from eaves.model import Boundary
+from eaves.outline.toolkit.alpha_outline import AlphaOutline
 from eaves.outline.toolkit.corners import Drawing, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import RIGHT_ANGLE, OutlineEdges, common_axes, main_direction
 from eaves.outline.toolkit.polyline import FREE
 
 
-class RansacLines(OutlineMethod):
+class RansacLines(AlphaOutline):
     """The outline made of long straight segments of the boundary, adjusted to the building's main directions.
 
     The boundary points come in order from an alpha shape. Lines through pairs of them are tried; the points
@@ -46,7 +44,8 @@ class RansacLines(OutlineMethod):
     Fails where
     -----------
     the building is round, or its walls shorter than `shortest`; and at edges: the outline
-    lies about half a spacing inside the eaves, as in the source.
+    lies about half a spacing inside the eaves, as in the source. One stretch that the segments leave outside
+    keeps the whole boundary as traced: of large blocks most are.
 
     Complexity
     ----------
@@ -63,52 +62,27 @@ class RansacLines(OutlineMethod):
     paper: ClassVar[str] = "xiao2014"
 
     alpha: float = parameter(2.0, "radius of the largest empty disc, in spacings", gt=0)
-    share: float = parameter(
-        SHARE, "least share of the points inside, or alpha is widened", off=0.0, ge=0, le=1
-    )
     near: float = parameter(0.5, "largest distance of a segment's points from its line, in spacings", gt=0)
     skip: int = parameter(2, "most boundary points in a row that a segment passes by", unit="points", ge=0)
     shortest: float = parameter(3.0, "shortest segment, in spacings", gt=0)
     tolerance: float = parameter(15.0, "largest turn into a main direction", unit="°", ge=0)
-    min_hole: float = parameter(
-        50.0, "inner boundaries smaller than this are dropped", unit="m²", off=0.0, ge=0
-    )
     corner_reach: float = parameter(
         5.0, "a corner farther than this from the boundary is cut off, in spacings", gt=0
     )
 
-    def parts(self, points: Points, spacing: float) -> Labels:
-        return alpha_parts(points[:, :2], self.alpha * spacing, self.share)
+    def radius(self, spacing: float) -> float:
+        return self.alpha * spacing
 
-    def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
-        """The rings of the alpha shape of `points` (N, 3)."""
-        mesh, radius = triangulate_points(points[:, :2]), self.alpha * spacing
-        rings = traced_rings(points, mesh, radius, share=self.share, min_hole=self.min_hole)
-        if isinstance(rings, Failure):
-            return rings
-        emit("alpha rings", rings)
-        return Boundary(tuple(rings), points, spacing)
-
-    def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
-        """The polygons of adjusted segments, each boundary on its own."""
-        return [self.adjusted(boundary, emit) for boundary in boundaries]
-
-    def adjusted(self, boundary: Boundary, emit: Emit) -> Polygon | Failure:
-        """One boundary's polygon."""
+    def draw(self, boundary: Boundary, emit: Emit) -> Polygon:
+        """The adjusted segments; where they make no ring, or leave more of the boundary outside than the
+        corners that are no segment, the boundary itself."""
         outer, *inner = (self.adjusted_ring(ring, boundary.spacing, emit) for ring in boundary.rings)
-        drawn = None if outer is None else Polygon(outer, [ring for ring in inner if ring is not None])
-        if drawn is None or not drawn.is_valid or self.loses(drawn, boundary):
-            drawn = Polygon(boundary.rings[0], boundary.rings[1:]).simplify(boundary.spacing)
-        whole = as_polygon(drawn)
-        if whole is None:
-            reason = f"a ring of {len(boundary.rings[0])} points encloses no area"
-            return Failure("no_area", reason, "outline")
-        return whole
-
-    def loses(self, drawn: Polygon, boundary: Boundary) -> bool:
-        """True if more of the boundary lies outside what is drawn than the corners that are no segment."""
-        away = shapely.distance(shapely.points(boundary.rings[0]), drawn)
-        return bool(away.max() > self.shortest * boundary.spacing)
+        if outer is not None:
+            drawn = Polygon(outer, [ring for ring in inner if ring is not None])
+            away = shapely.distance(shapely.points(boundary.rings[0]), drawn)
+            if drawn.is_valid and away.max() <= self.shortest * boundary.spacing:
+                return drawn
+        return Polygon(boundary.rings[0], boundary.rings[1:]).simplify(boundary.spacing)
 
     def adjusted_ring(
         self, ring: NDArray[np.float64], spacing: float, emit: Emit

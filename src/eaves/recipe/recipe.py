@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eaves.detect import Detector
+from eaves.detect.stage import MIN_AREA_M2, MIN_HEIGHT_M
 from eaves.ground import GroundMethod
 from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
 from eaves.model.block import SEAM
@@ -69,6 +70,8 @@ class Recipe:
         Distinguish water (9), wires (14), their towers (15) and decks of bridges (17) from the rest.
     overhangs : OverhangRules
         The limits of a wall seen under a roof, at LoD 2.3.
+    smallest : (float, float)
+        Area (m²) and height (m) under which what a detector finds is no building.
 
     Examples
     --------
@@ -89,6 +92,7 @@ class Recipe:
     vegetation: VegetationRules | None = VegetationRules()  # noqa: RUF009 (frozen)
     others: bool = True
     overhangs: OverhangRules = OverhangRules()  # noqa: RUF009 (frozen)
+    smallest: tuple[float, float] = (MIN_AREA_M2, MIN_HEIGHT_M)
 
     @property
     def buffer(self) -> float:
@@ -158,7 +162,7 @@ def make_recipe(
     published : bool
         Methods given by name take the numbers that their papers print, with a source those of its own paper
         alone, and leave out what these do not have; so do the classes of vegetation, water, wires and decks,
-        unless `classes` names them.
+        unless `classes` names them, and the limits of `Recipe.smallest`.
     use_classes : bool
         Use the classes of the files.
     lod : str or None
@@ -222,6 +226,7 @@ def make_recipe(
         ground_classes=tuple(ground_classes or (GROUND,)),
         vegetation=VegetationRules() if _with(classes, VEGETATION) else None,
         others=_with(classes, OTHERS),
+        smallest=(0.0, 0.0) if published else Recipe.smallest,
     )
 
 

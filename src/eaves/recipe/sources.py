@@ -27,6 +27,21 @@ class PublishedSource:
         return {"name": self.name, "paper": self.paper, "title": self.title}
 
     @property
+    def printed(self) -> str:
+        """What its paper prints, in one line: all that running it as published can take from it."""
+        classes = {stage: method_class(stage, name) for stage, name in self.methods.items()}
+        count = {
+            stage: sum(note["printed_in"] is not None for note in cls.declared().values())
+            for stage, cls in classes.items()
+            if cls.paper == self.paper
+        }
+        numbers = ", ".join(f"{number} of {stage}" for stage, number in count.items() if number)
+        words = f"numbers of its paper: {numbers}" if numbers else "its paper prints no number"
+        ours = [name for stage, name in self.methods.items() if classes[stage].paper != self.paper]
+        beside = f"; ours as it is: {', '.join(ours)}" if ours else ""
+        return f"{words}; what is ours and can be off is off{beside}"
+
+    @property
     def steps(self) -> list[tuple[str, str, dict[str, Any]]]:
         """Stage, words and parameters of each step that a parameter leaves out."""
         found = []

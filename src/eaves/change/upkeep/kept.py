@@ -157,6 +157,7 @@ def kept_recipe(plan: dict[str, Any]) -> Recipe:
         ground_classes=tuple(plan.get("ground_classes") or (2,)),
         vegetation=None if vegetation is None else VegetationRules(**vegetation),
         others=plan.get("others", True),
+        smallest=tuple(plan.get("smallest", Recipe.smallest)),
     )
 
 

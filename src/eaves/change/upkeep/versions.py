@@ -7,7 +7,7 @@ it left it. A building that no update has touched has neither, and is version 1.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from shapely import Polygon
 
 from eaves.buildings.building_file import Kept, SavedBuilding, building_arrays
 from eaves.buildings.edited import CREATED, VERSION, version_of
+from eaves.change.upkeep.confirmed import groups_of, is_confirmed
 from eaves.change.upkeep.kept import link_file
 from eaves.formats.atomic import atomic
 from eaves.geometry.overlaps import half_shared, pair_off
@@ -99,16 +100,20 @@ def name_versions(
         [Placed.of(owner, one) for owner in sorted(changed) for one in kept.saved(owner)]
         for kept in (found, before)
     )
-    partners = match(earlier, fresh)
     stay = (row.values["id"] for row in before.rows([one for one in owners if one.name in same]))
     used = {*ended, *map(str, stay), *(one.id for one in earlier)}
+    results: dict[Block, list[BuildingResult]] = {}
+    if date is not None:
+        earlier, fresh, confirmed = confirmed_apart(earlier, fresh, set(owners))
+        for one in confirmed:
+            results.setdefault(one.owner, []).append(one.result)
+    partners = match(earlier, fresh)
     names: dict[int, str] = {}
     for k, one in enumerate(fresh):
         names[k] = earlier[partners[k]].id if k in partners else unused(one.id, used)
         used.add(names[k])
     words = Versions()
     blocks = block_names(fresh, earlier, partners, names)
-    results: dict[Block, list[BuildingResult]] = {}
     for k, one in enumerate(fresh):
         old = earlier[partners[k]].result if k in partners else None
         result, is_same = versioned(one.result, names[k], blocks, old, date)
@@ -122,6 +127,33 @@ def name_versions(
     for owner, some in results.items():
         after.save(NAMED, owner, building_arrays(some))
     return words, changed
+
+
+def confirmed_apart(
+    earlier: Sequence[Placed], fresh: Sequence[Placed], owners: Collection[Block]
+) -> tuple[list[Placed], list[Placed], list[Placed]]:
+    """The earlier and the fresh buildings that differ, and the earlier ones that new points only confirm:
+    they lie in blocks that own buildings now, the `owners`."""
+    blocks = [*(f"earlier {name}" * bool(name) for name in map(block_id, earlier)), *map(block_id, fresh)]
+    stay: set[int] = set()
+    replaced: set[int] = set()
+    for old, new in groups_of([one.polygon for one in earlier], [one.polygon for one in fresh], blocks):
+        before, after = models_of(earlier, old), models_of(fresh, new)
+        whole = old and new and (len(before), len(after)) == (len(old), len(new))
+        if whole and all(earlier[k].owner in owners for k in old) and is_confirmed(before, after):
+            stay.update(old)
+            replaced.update(new)
+    return (
+        [one for k, one in enumerate(earlier) if k not in stay],
+        [one for k, one in enumerate(fresh) if k not in replaced],
+        [earlier[k] for k in sorted(stay)],
+    )
+
+
+def models_of(some: Sequence[Placed], numbers: Sequence[int]) -> list[BuildingModel]:
+    """The models of buildings by their numbers; failures have none."""
+    outcomes = (some[k].result.outcome for k in numbers)
+    return [outcome for outcome in outcomes if isinstance(outcome, BuildingModel)]
 
 
 def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:

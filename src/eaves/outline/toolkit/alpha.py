@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.rings import signed_area, split_loops
-from eaves.geometry.tin import Tin
+from eaves.geometry.tin import Tin, areas_and_radii
 from eaves.kernels import kernel
 from eaves.model import Failure, Labels, Points
 
@@ -47,11 +47,7 @@ def triangulate_points(xy: NDArray[np.float64]) -> Mesh | None:
         return None
     number = np.where(real, np.cumsum(real) - 1, -1)
     triangles, neighbours = tin.vertices[real].astype(np.int64), number[tin.neighbours[real]]
-    x, y = xy[:, 0][triangles], xy[:, 1][triangles]
-    dx, dy = x[:, [1, 2, 0]] - x, y[:, [1, 2, 0]] - y
-    area = 0.5 * np.abs(dx[:, 0] * dy[:, 1] - dy[:, 0] * dx[:, 1])
-    sides = np.sqrt((dx * dx + dy * dy).prod(axis=1))
-    radius = np.where(area > 1e-12, sides / np.maximum(4.0 * area, 1e-12), np.inf)
+    area, radius = areas_and_radii(xy, triangles)
     return Mesh(xy, triangles, neighbours, radius, area)
 
 

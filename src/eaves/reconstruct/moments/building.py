@@ -14,10 +14,10 @@ from eaves.model import Failure, Mask, Points
 from eaves.reconstruct.moments.edges import (
     LEAST_NOISE,
     covered_area,
+    frame_of,
     measure_edges,
     rectangle_around,
     settle_axes,
-    take_plan,
 )
 from eaves.reconstruct.moments.invariants import (
     ClosedForm,
@@ -65,7 +65,7 @@ HIGHEST_PARAPET = 1.2
 
 
 @dataclass(frozen=True, eq=False)
-class ParametricBuilding:
+class ParametricBuilding(Rectangle):
     """A house with a simple roof: what it measures (m, radians), and how sure each number is.
 
     `length` runs along the ridge (the eaves of a shed), `width` across; `x, y` is the rectangle's middle.
@@ -75,11 +75,6 @@ class ParametricBuilding:
     """
 
     roof: str
-    x: float
-    y: float
-    orientation: float
-    length: float
-    width: float
     eaves: float
     ridge: float
     slope: float
@@ -113,28 +108,21 @@ def fit_building(
     moments = surface_moments(points, triangles)
     if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
-    forms, best = solve_closed(points, triangles, None if plan is None else rectangle_around(plan))
-    closed = forms[0]
-    covered = covered_area(points, triangles) * border_growth(len(points)) ** 2
-    along, across = 0.5 * closed.length, 0.5 * closed.width
-    frame = (-along, along, -across, across, np.nan, np.nan)
-    if closed_only:
-        return describe_building(best, closed, frame, np.abs(best.residuals) <= CUT * best.scale, covered)
-    best = choose_fit(points, forms)
+    given = None if plan is None else rectangle_around(plan)
+    forms, best = solve_closed(points, triangles, given)
+    if not closed_only:
+        best = choose_fit(points, forms, turns=given is None)
     inlier = np.abs(best.residuals) <= CUT * best.scale
-    if best.form == HIP and max(end_falls(best, *measure_edges(best, points[inlier])[:4])) < HIP_FALL:
-        best = fit_parametric_roof(GABLE, points, best.centre, best.parameters, LEAST_NOISE)
-        inlier = np.abs(best.residuals) <= CUT * best.scale
-    if plan is not None:
-        best, frame = take_plan(best, points, plan)
-        inlier = np.abs(best.residuals) <= CUT * best.scale
+    if given is not None or closed_only:
+        frame = frame_of(best, given or forms[0])
     else:
         rim = inlier | ((best.residuals > 0.0) & (best.residuals < HIGHEST_PARAPET))
         if best.form == PLANE:
             best = settle_axes(best, points[rim])
         above = points[~rim & (best.residuals > 0.0)]
         frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
-    return describe_building(best, closed, frame, inlier, covered)
+    covered = covered_area(points, triangles) * border_growth(len(points)) ** 2
+    return describe_building(best, forms[0], frame, inlier, covered)
 
 
 def solve_closed(
@@ -193,8 +181,9 @@ def hiding(fit: ParametricFit, above: Points, rim: Points) -> Points:
     return above[inside]
 
 
-def choose_fit(points: Points, closed: list[ClosedForm]) -> ParametricFit:
-    """The fit that explains the points best for its number of parameters, from a closed solution."""
+def choose_fit(points: Points, closed: list[ClosedForm], turns: bool) -> ParametricFit:
+    """The fit that explains the points best for its number of parameters, from a closed solution, in whose
+    axes it stays unless it `turns`; a hip whose ends hardly fall is a gable."""
     centre = np.array([closed[0].x, closed[0].y])
     some = points[:: max(1, len(points) // CHOICE_POINTS)]
     fits = []
@@ -202,11 +191,14 @@ def choose_fit(points: Points, closed: list[ClosedForm]) -> ParametricFit:
         form, start = parameters_of(solution)
         if form == HIP:
             start[HALF_RIDGE] += 0.25 * solution.width  # half-way to a gable: half-hips are found from there
-        fits.append(fit_parametric_roof(form, some, centre, start, LEAST_NOISE))
+        fits.append(fit_parametric_roof(form, some, centre, start, LEAST_NOISE, turns=turns))
     fits = [fit for fit in fits if is_roof(fit)]
     for choice in np.argsort(costs_of(fits), kind="stable"):
-        chosen = fits[choice]
-        final = fit_parametric_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
+        form, start = fits[choice].form, fits[choice].parameters
+        final = fit_parametric_roof(form, points, centre, start, LEAST_NOISE, turns=turns)
+        inside = points[np.abs(final.residuals) <= CUT * final.scale]
+        if form == HIP and max(end_falls(final, *measure_edges(final, inside)[:4])) < HIP_FALL:
+            final = fit_parametric_roof(GABLE, points, centre, final.parameters, LEAST_NOISE, turns=turns)
         if is_roof(final):
             return final
     return fit_parametric_roof(PLANE, points, centre, np.zeros(8), LEAST_NOISE)
@@ -274,12 +266,12 @@ def describe_building(
     }
     inside = fit.residuals[inlier]
     return ParametricBuilding(
-        roof,
         float(x),
         float(y),
         float(np.mod(p[ANGLE], np.pi)),
         float(length),
         float(width),
+        roof,
         float(eaves),
         float(ridge),
         slope,

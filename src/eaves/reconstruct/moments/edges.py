@@ -7,8 +7,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from eaves.geometry.tin import areas_and_radii
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
-from eaves.kernels import kernel
 from eaves.model import Points
 from eaves.reconstruct.moments.extents import extent_of
 from eaves.reconstruct.moments.invariants import Rectangle
@@ -16,9 +16,7 @@ from eaves.reconstruct.moments.parametric_roof import (
     ANGLE,
     END_SLOPE,
     LEFT_SLOPE,
-    PLANE,
     ParametricFit,
-    fit_parametric_roof,
 )
 
 LEAST_NOISE = 0.015
@@ -39,25 +37,14 @@ def rectangle_around(plan: BaseGeometry) -> Rectangle:
     return Rectangle(float(x), float(y), angle, float(sizes[longer]), float(sizes[1 - longer]))
 
 
-def take_plan(
-    fit: ParametricFit, points: Points, plan: BaseGeometry
-) -> tuple[ParametricFit, tuple[float, float, float, float, float, float]]:
-    """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges: how sure those are,
-    only the plan's maker knows (NaN)."""
-    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
-    side = corners[1] - corners[0]
-    turn = np.arctan2(side[1], side[0]) - fit.parameters[ANGLE]
-    turn = np.mod(turn + np.pi / 4.0, np.pi / 2.0) - np.pi / 4.0
-    if fit.form == PLANE:
-        fit = turned_fit(fit, float(turn))
-        if abs(fit.parameters[END_SLOPE]) > abs(fit.parameters[LEFT_SLOPE]):
-            fit = turned_fit(fit, np.pi / 2.0)
-    else:
-        start = fit.parameters.copy()
-        start[ANGLE] += turn
-        fit = fit_parametric_roof(fit.form, points, fit.centre, start, LEAST_NOISE, turns=False)
-    along, across = fit.axes(corners)
-    return fit, (along.min(), along.max(), across.min(), across.max(), np.nan, np.nan)
+def frame_of(fit: ParametricFit, plan: Rectangle) -> tuple[float, float, float, float, float, float]:
+    """The edges of a plan in the axes of the fit, parallel to its own: how sure they are, only its maker
+    knows (NaN)."""
+    turned = abs(np.sin(fit.parameters[ANGLE] - plan.orientation)) > 0.5
+    along, across = 0.5 * plan.length, 0.5 * plan.width
+    if turned:
+        along, across = across, along
+    return -along, along, -across, across, np.nan, np.nan
 
 
 def settle_axes(fit: ParametricFit, points: Points) -> ParametricFit:
@@ -69,8 +56,8 @@ def settle_axes(fit: ParametricFit, points: Points) -> ParametricFit:
     along, across = fit.parameters[END_SLOPE], fit.parameters[LEFT_SLOPE]
     if np.hypot(along, across) >= np.tan(np.radians(FLAT_SLOPE_DEG)):
         return turned_fit(fit, float(np.arctan2(along, across)))
-    settled, (west, east, south, north, _, _) = take_plan(fit, points, shapely.multipoints(points[:, :2]))
-    return settled if east - west >= north - south else turned_fit(settled, np.pi / 2.0)
+    plan = rectangle_around(shapely.multipoints(points[:, :2]))
+    return turned_fit(fit, plan.orientation - fit.parameters[ANGLE])
 
 
 def turned_fit(fit: ParametricFit, turn: float) -> ParametricFit:
@@ -94,24 +81,5 @@ def measure_edges(fit: ParametricFit, points: Points) -> tuple[float, float, flo
 
 def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
     """Area (m²) of the triangles (T, 3) between points (N, 3) without the wide ones over empty ground."""
-    area, radius = np.zeros(len(triangles)), np.zeros(len(triangles))
-    circles_kernel(points, triangles, area, radius)
+    area, radius = areas_and_radii(points, triangles)
     return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
-
-
-@kernel
-def circles_kernel(
-    xyz: NDArray[np.float64],
-    triangles: NDArray[np.int32],
-    area: NDArray[np.float64],
-    radius: NDArray[np.float64],
-) -> None:
-    """Area (T,) and radius of the circle (T,) around each of the triangles (T, 3) in plan."""
-    for t in range(len(triangles)):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        ux, uy = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1]
-        vx, vy = xyz[c, 0] - xyz[b, 0], xyz[c, 1] - xyz[b, 1]
-        wx, wy = xyz[a, 0] - xyz[c, 0], xyz[a, 1] - xyz[c, 1]
-        area[t] = 0.5 * abs(ux * wy - uy * wx)
-        sides = np.sqrt((ux * ux + uy * uy) * (vx * vx + vy * vy) * (wx * wx + wy * wy))
-        radius[t] = sides / max(4.0 * area[t], 1e-12)

@@ -75,7 +75,18 @@ def surface_moments(xyz: Points, triangles: NDArray[np.int32]) -> SurfaceMoments
 
 
 @dataclass(frozen=True)
-class ClosedForm:
+class Rectangle:
+    """A ground plan: its middle (m), the direction of its length (radians), length and width (m)."""
+
+    x: float
+    y: float
+    orientation: float
+    length: float
+    width: float
+
+
+@dataclass(frozen=True)
+class ClosedForm(Rectangle):
     """A house straight from moments: roof type, place, ridge orientation (radians), sizes and heights (m).
 
     `length` runs along the ridge, `width` across. `rise` is Δ, ridge above eaves; for a shed its sign is
@@ -83,11 +94,6 @@ class ClosedForm:
     """
 
     roof: str
-    x: float
-    y: float
-    orientation: float
-    length: float
-    width: float
     eaves: float
     rise: float
     ridge_offset: float
@@ -102,17 +108,6 @@ class ClosedForm:
         """Radians from the horizontal."""
         run = self.width if self.roof in ("flat", "shed") else 0.5 * self.width
         return float(np.arctan2(abs(self.rise), run))
-
-
-@dataclass(frozen=True)
-class Rectangle:
-    """A ground plan: its middle (m), the direction of its length (radians), length and width (m)."""
-
-    x: float
-    y: float
-    orientation: float
-    length: float
-    width: float
 
 
 def closed_forms(
@@ -132,19 +127,18 @@ def closed_forms(
         along, across = turned(angle, moments.xx, moments.xy, moments.yy)
         high_along, high_across = turned(angle, moments.hxx, moments.hxy, moments.hyy)
         length, width = float(np.sqrt(12.0 * max(along, 1e-12))), float(np.sqrt(12.0 * max(across, 1e-12)))
-        place = (moments.x, moments.y, length * growth, width * growth)
+        box = Rectangle(moments.x, moments.y, float(angle), length * growth, width * growth)
         if plan is not None:
             sides = (plan.width, plan.length) if turn else (plan.length, plan.width)
-            place = (plan.x, plan.y, *sides)
-        x, y, whole_length, whole_width = place
+            box = Rectangle(plan.x, plan.y, float(angle), *sides)
         rise_along, rise_across = -48.0 * high_along / length**2, -48.0 * high_across / width**2
-        tilt, wider = 12.0 * (cosine * moments.hy - sine * moments.hx) / width, whole_width / width
+        tilt, wider = 12.0 * (cosine * moments.hy - sine * moments.hx) / width, box.width / width
         share = min(width / length, 1.0)
         hip_along = share * (20.0 - 15.0 * share + 3.0 * share**2) / 15.0
         hip_rise = (rise_along + rise_across) / (1.0 - 7.0 / 15.0 * share + hip_along)
         ridge = ridge_place(tilt, rise_across)
         hip = "pyramid" if length < SQUARISH * width else "hip"
-        off = 0.5 * width * ridge + cosine * (moments.y - y) - sine * (moments.x - x)
+        off = 0.5 * width * ridge + cosine * (moments.y - box.y) - sine * (moments.x - box.x)
         for roof, rise, above, beside, offered in (
             ("flat", 0.0, 0.0, 0.0, length >= width),
             ("shed", tilt, 0.5 * wider, 0.0, abs(tilt) > level),
@@ -153,8 +147,8 @@ def closed_forms(
         ):
             if offered:
                 eaves = moments.height + (above - wider) * abs(rise)
-                sizes = (float(angle), whole_length, whole_width)
-                forms.append(ClosedForm(roof, x, y, *sizes, float(eaves), float(rise * wider), float(beside)))
+                heights = {"eaves": float(eaves), "rise": float(rise * wider), "ridge_offset": float(beside)}
+                forms.append(ClosedForm(**vars(box), roof=roof, **heights))
     return forms
 
 

@@ -88,7 +88,9 @@ class Moments(Reconstructor, PartLimits):
         le=1.0,
     )
     closed_only: bool = parameter(
-        False, "Leave the fit out: the closed solution alone makes the roof, without standard deviations."
+        False,
+        "Leave the fit out: the closed solution alone makes the roof, without standard deviations.",
+        off=True,
     )
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
