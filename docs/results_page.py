@@ -9,7 +9,7 @@ DATED = re.compile(r"(\d{4}-\d{2}-\d{2})-(.+)\.md")
 HEADING = "## Every table\n"
 TOPICS = {
     "Ground": ("ground", "halls"),
-    "Detection": ("detection", "unseen", "hostile", "canopies"),
+    "Detection": ("detection", "unseen", "canopies"),
     "Outlines and units": ("outline", "unit", "draughtsman"),
     "Roofs": ("roof", "rotations", "superstructures", "towers", "gaps"),
     "Models": ("models", "moments", "curved", "overhangs", "validity", "attributes", "trust"),
@@ -27,7 +27,16 @@ TOPICS = {
         "counts",
         "speed",
     ),
-    "Robustness and other programs": ("fuzz", "identical", "judges", "tools", "first-hour"),
+    "Robustness and other programs": (
+        "fuzz",
+        "readers",
+        "faults",
+        "hostile",
+        "identical",
+        "judges",
+        "tools",
+        "first-hour",
+    ),
     "What each rule is worth": ("ablation", "half", "fewer"),
 }
 """Topic → how the names of its tables begin; a table of no topic stands under `OTHER`."""

@@ -363,11 +363,13 @@ def goes_by_tiles(index: Index, options: RunOptions) -> bool:
 def planned_files(index: Index, options: RunOptions) -> set[str]:
     """Names in the output folder of the files, and folders of files, that a run will write."""
     planned, taken = planned_names(options["outputs"], options["formats"]), set[str]()
-    if goes_by_tiles(index, options):
+    by_tiles = goes_by_tiles(index, options)
+    if by_tiles:
         planned.add("tiles")
     if options["steps"]:
         planned.add("steps")
-    for number in range(len(index)) if "classified" in options["outputs"] else ():
+    classified = "classified" in options["outputs"] and not by_tiles
+    for number in range(len(index)) if classified else ():
         name = classified_name(index.path(number), len(index) == 1, taken)
         planned |= {name, str(Path(name).with_suffix(".copc.laz"))} if COPC in options["formats"] else {name}
     return planned

@@ -1,0 +1,31 @@
+"""A part of `benchmarks.scale.faults`: a run that a fault meets ends with the bytes of one that none does."""
+
+from __future__ import annotations
+
+import random
+import sys
+
+import pytest
+from benchmarks.scale.faults import CASES, ExactBench, prepare
+from benchmarks.scale.hostile import GOOD
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has other signals")
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> ExactBench:
+    return prepare(tmp_path_factory.mktemp("faults"))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "killed at a write",
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("killed", "process killed", "input lost", "clock jumps", "crowded", "asleep")
+        ),
+    ],
+)
+def test_a_run_and_the_next_end_with_the_bytes_of_an_undisturbed_run(kind: str, bench: ExactBench) -> None:
+    assert CASES[kind](bench, random.Random(7), bench.place / f"case-{kind.replace(' ', '-')}") in GOOD
