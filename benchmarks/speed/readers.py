@@ -65,7 +65,7 @@ def main() -> None:
             }
         )
     keep(
-        "readers",
+        "read-speed",
         "Reading LAZ: ours beside laspy",
         rows,
         "python -m benchmarks.speed.readers",
