@@ -20,7 +20,7 @@ TOPICS = {
         "end-to-end",
         "growth",
         "index",
-        "read",
+        "read-speed",
         "start",
         "validate",
         "modules",
@@ -28,7 +28,6 @@ TOPICS = {
         "speed",
     ),
     "Robustness and other programs": (
-        "fuzz",
         "readers",
         "faults",
         "hostile",

@@ -66,7 +66,7 @@ def main() -> None:
         )
     keep(
         "read-speed",
-        "Reading LAZ: ours beside laspy",
+        "Reading beside laspy",
         rows,
         "python -m benchmarks.speed.readers",
         "One process, in turns, the least of five. Ours reads besides: a run of a file's chunks for each "
