@@ -268,7 +268,7 @@ def method_class(stage: str, name: str) -> type[Method]:
         module, attribute = REGISTRY[stage][name].split(":")
     except KeyError:
         known = ", ".join(REGISTRY.get(stage, REGISTRY))
-        raise ValueError(f"unknown {stage} method '{name}'; choose one of: {known}") from None
+        raise ValueError(f"unknown {stage} method {name!r}; choose one of: {known}") from None
     found: type[Method] = getattr(import_module(module), attribute)
     return found
 

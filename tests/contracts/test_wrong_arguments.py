@@ -11,6 +11,7 @@ import shapely
 
 import eaves
 from eaves.evaluate import evaluate_detection, evaluate_footprints, evaluate_ground, label_objects
+from eaves.methods import method_class
 from eaves.model import Bounds, Failure, Footprint, PointCloud
 from eaves.validate import fit_to_points, validate_model
 
@@ -156,3 +157,9 @@ def test_points_without_coordinates_are_left_out_of_a_model() -> None:
     ]
     one, other = (model.solids["2.2"][0].vertices for model in models if model)
     assert np.array_equal(one, other)
+
+
+def test_a_method_of_an_unknown_name_is_refused_in_one_line() -> None:
+    with pytest.raises(ValueError, match="unknown detect method") as refusal:
+        method_class("detect", "contours\n[outline]\n")
+    assert "\n" not in str(refusal.value)
