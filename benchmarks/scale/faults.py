@@ -22,7 +22,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -33,10 +33,9 @@ import laspy
 import numpy as np
 
 from benchmarks.scale import hostile
-from benchmarks.scale.hostile import GOOD, LONGEST, Bench, start
-from benchmarks.scale.identical import digest
+from benchmarks.scale.hostile import GOOD, LONGEST, Bench, Case, start, try_case
 from benchmarks.scale.mutations import hurt_bytes
-from benchmarks.table import commit_now, keep
+from benchmarks.table import keep
 from eaves.run.manifest import MANIFEST
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
@@ -253,7 +252,7 @@ def network_stalls(bench: Bench, chance: random.Random, out: Path) -> str:
     return verdict if contents(out) == contents(right) else f"other bytes: {verdict}"
 
 
-CASES: dict[str, Callable[[Bench, random.Random, Path], str]] = {
+CASES: dict[str, Case] = {
     case.__name__.replace("_", " "): case
     for case in (
         *(hostile.killed, hostile.killed_at_a_write, process_killed, hostile.worker_lost, disk_full),
@@ -272,26 +271,7 @@ def prepare(place: Path) -> ExactBench:
     las.write(points)
     las.z = np.asarray(las.z)[::-1]
     las.write(place / "other.laz")
-    bench = ExactBench(place, points, ("", ""), 0.0)
-    for _ in range(2):  # the first compiles what is not compiled yet
-        shutil.rmtree(place / "whole", ignore_errors=True)
-        started = time.perf_counter()
-        status, said = bench.run(bench.words(place / "whole", "--jobs", "1"))
-        assert status == 0, said
-    return ExactBench(place, points, digest(place / "whole"), time.perf_counter() - started)
-
-
-def try_case(bench: Bench, number: int, kind: str) -> dict[str, Any]:
-    """One case, with its verdict, its seconds and the commit it was tried on."""
-    out, started = bench.place / f"case{number}", time.perf_counter()
-    try:
-        verdict = CASES[kind](bench, random.Random(number), out)
-    except subprocess.TimeoutExpired:
-        verdict = "hung"
-    for left in bench.place.glob(f"case{number}*"):
-        shutil.rmtree(left, ignore_errors=True)
-    seconds = round(time.perf_counter() - started, 1)
-    return {"case": number, "kind": kind, "verdict": verdict, "seconds": seconds, "commit": commit_now()}
+    return ExactBench(place, points, ("", ""), 0.0).undisturbed()
 
 
 def keep_table(tried: list[dict[str, Any]]) -> None:
@@ -333,7 +313,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name, asked.log.open("a", encoding="utf-8") as log:
         bench = prepare(Path(name))
         for number in range(len(tried), asked.cases):
-            tried.append(try_case(bench, number, kinds[number % len(kinds)]))
+            kind = kinds[number % len(kinds)]
+            tried.append(try_case(bench, number, kind, CASES[kind]))
             log.write(json.dumps(tried[-1]) + "\n")
             log.flush()
     keep_table(tried)

@@ -23,9 +23,9 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import laspy
 from tests.formats.copc_writer import write_copc
@@ -96,6 +96,16 @@ class Bench:
         """Status and what was said."""
         done = subprocess.run(words, capture_output=True, text=True, timeout=LONGEST)
         return done.returncode, done.stderr
+
+    def undisturbed(self) -> Self:
+        """The bench with what an undisturbed run gives, which stays in `whole`, and its time."""
+        whole = self.place / "whole"
+        for _ in range(2):  # the first compiles what is not compiled yet
+            shutil.rmtree(whole, ignore_errors=True)
+            started = time.perf_counter()
+            status, said = self.run(self.words(whole, "--jobs", "1"))
+            assert status == 0, said
+        return replace(self, right=digest(whole), seconds=time.perf_counter() - started)
 
     def judge(self, status: int, said: str, out: Path, same: bool = True) -> str:
         """`right`, `said so` or what is wrong."""
@@ -342,7 +352,9 @@ def read_only(bench: Bench, chance: random.Random, out: Path) -> str:
     return bench.judge(status, said, out)
 
 
-CASES: dict[str, Callable[[Bench, random.Random, Path], str]] = {
+Case = Callable[[Bench, random.Random, Path], str]
+
+CASES: dict[str, Case] = {
     case.__name__.replace("_", " "): case
     for case in (
         *(killed, killed_at_a_write, damaged_parts, crowded, starved, clock_jumps, worker_lost),
@@ -359,20 +371,14 @@ def start(bench: Bench, out: Path, *more: str) -> subprocess.Popen[str]:
 def prepare(place: Path) -> Bench:
     """The scene and its undisturbed run."""
     points = write_simulation(nine_roofs_on_a_slope(density=4.0, seed=3), place / "nine")["points"]
-    bench = Bench(place, points, ("", ""), 0.0)
-    bench.run(bench.words(place / "whole", "--jobs", "1"))  # compiles what is not compiled yet
-    shutil.rmtree(place / "whole")
-    started = time.perf_counter()
-    status, said = bench.run(bench.words(place / "whole", "--jobs", "1"))
-    assert status == 0, said
-    return Bench(place, points, digest(place / "whole"), time.perf_counter() - started)
+    return Bench(place, points, ("", ""), 0.0).undisturbed()
 
 
-def try_case(bench: Bench, number: int, kind: str) -> dict[str, Any]:
-    """One case, with its verdict, its seconds and the commit it was tried on."""
+def try_case(bench: Bench, number: int, kind: str, case: Case) -> dict[str, Any]:
+    """One case of a kind, with its verdict, its seconds and the commit it was tried on."""
     out, started = bench.place / f"case{number}", time.perf_counter()
     try:
-        verdict = CASES[kind](bench, random.Random(number), out)
+        verdict = case(bench, random.Random(number), out)
     except subprocess.TimeoutExpired:
         verdict = "hung"
     for left in bench.place.glob(f"case{number}*"):
@@ -428,7 +434,7 @@ def main() -> None:
             )
             if not kind:
                 break
-            tried.append(try_case(bench, number, kind))
+            tried.append(try_case(bench, number, kind, CASES[kind]))
             counts[kind] += 1
             first = max(first, number + 1)
             log.write(json.dumps(tried[-1]) + "\n")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.change.upkeep.confirmed import groups_of, is_confirmed
+from eaves.change.upkeep.confirmed import is_confirmed, overlapping_groups
 from eaves.model import BuildingModel
 from eaves.simulate import nine_roofs_on_a_slope
 
@@ -60,8 +60,8 @@ def test_groups_are_joined_by_ground_and_by_blocks() -> None:
     earlier = [box(0, 0, 4, 9), box(4, 0, 8, 9), box(50, 0, 60, 9)]
     fresh = [box(0, 0, 5, 9), box(5, 0, 8, 9), box(50, 0, 60, 9)]
     blocks = ["a", "a", "", "b", "b", ""]
-    groups = sorted(groups_of(earlier, fresh, blocks))
+    groups = sorted(overlapping_groups(earlier, fresh, blocks))
     assert groups == [([0, 1], [0, 1]), ([2], [2])]
-    apart = sorted(groups_of(earlier[2:], [box(80, 0, 90, 9)], ["", ""]))
+    apart = sorted(overlapping_groups(earlier[2:], [box(80, 0, 90, 9)], ["", ""]))
     assert apart == [([], [0]), ([0], [])]
     assert np.all([len(group) == 2 for group in groups])

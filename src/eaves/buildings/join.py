@@ -30,7 +30,7 @@ class Seam:
     """Mask (count + 1,) of the labels that have points inside the block."""
 
     sides: np.ndarray
-    """Sides that each label comes near (block_file.sides_of)."""
+    """Sides that each label comes near (`block_file.border_sides`)."""
 
     @classmethod
     def read(cls, file: BlockFile) -> Seam:

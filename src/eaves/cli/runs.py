@@ -198,14 +198,13 @@ def show_plan(
     computed or written."""
     from tempfile import TemporaryDirectory
 
-    from eaves.flow.advice import scan_facts
     from eaves.flow.run import plan_run
 
     start_log(quiet, verbose)
     with TemporaryDirectory() as cache:
         options.setdefault("cache", cache)
         run = plan_run(inputs, out, read_recipe(options, given), carries_edits=True, **options)
-        typer.echo(scan_facts(run.index).as_text())
+        typer.echo(run.facts.as_text())
     for reason in run.failed:
         typer.echo(f"incomplete: {reason}", err=True)
     raise typer.Exit(INCOMPLETE if run.failed else COMPLETE)

@@ -10,13 +10,12 @@ import numpy as np
 import shapely
 
 from eaves.detect.given_classes import GivenClasses
-from eaves.footprints.read import sides_of
+from eaves.footprints.read import box_text
 from eaves.formats import InputError
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.store import RECORD
 
 if TYPE_CHECKING:
-    from eaves.flow.advice import ScanFacts
     from eaves.flow.run import Run
     from eaves.run.index import Index
     from eaves.run.options import RunOptions
@@ -41,10 +40,10 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
     boxes = index.entries["box"][index.entries["count"] > 0]
     if not len(boxes):
         raise InputError.about(index.path(0), "no input holds a point", f"give others, {ANYWAY}")
-    extent = sides_of(boxes, index.system)
+    extent = box_text(boxes, index.system)
     bounds = window.bounds
     if bounds is not None and not index.meeting(bounds.buffered(BOX_TOLERANCE)).any():
-        asked = sides_of(list(vars(bounds).values()), index.system)
+        asked = box_text(list(vars(bounds).values()), index.system)
         raise InputError(
             f"--bounds {asked}: no point lies there: the headers put them within {extent}; check the "
             f"numbers, {ANYWAY}"
@@ -53,7 +52,7 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
     if window.clip is not None and not shapely.intersects(window.clip, shapely.box(*grown.T)).any():
         there = "is empty"
         if not window.clip.is_empty:
-            there = f"lies within {sides_of(window.clip.bounds, index.system)}"
+            there = f"lies within {box_text(window.clip.bounds, index.system)}"
         raise InputError.about(
             options["clip"] or "--clip",
             f"no point lies in its area, which {there}: the headers put them within {extent}",
@@ -61,7 +60,7 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
         )
 
 
-def refuse_no_classes(run: Run, facts: ScanFacts) -> None:
+def refuse_no_classes(run: Run) -> None:
     """Check that points have the classes that `use_classes` asks for; where not all of them were looked at, a
     warning has to do.
 
@@ -70,7 +69,7 @@ def refuse_no_classes(run: Run, facts: ScanFacts) -> None:
     InputError
         When none has a class of the ground, or of buildings where these are to be found by it.
     """
-    recipe = run.recipe
+    recipe, facts = run.recipe, run.facts
     there = ", ".join(facts.classes) or "none"
     wanted = [("ground", recipe.ground_classes)]
     if isinstance(recipe.detect, GivenClasses) and run.given is None:

@@ -9,12 +9,13 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from glob import escape
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, Unpack
 
-from eaves.flow.advice import scan_facts
+from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
 from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
 from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
@@ -133,6 +134,11 @@ class Run:
         names = tuple(self.index.path(number).name for number in range(min(len(self.index), NAMED_SOURCES)))
         datum = self.plan["vertical_datum"]
         return Provenance(names, len(self.index), datum["name"], datum["status"])
+
+    @cached_property
+    def facts(self) -> ScanFacts:
+        """Facts of the scan, by a sample of its points."""
+        return scan_facts(self.index)
 
     @property
     def planned(self) -> set[str]:
@@ -264,13 +270,13 @@ def plan_run(
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
     if recipe.use_classes and not may_miss:
-        refuse_no_classes(run, scan_facts(index))
+        refuse_no_classes(run)
     return run
 
 
 def look_at_scan(run: Run) -> Run:
     """The run with the facts of its scan in its plan, and its remarks in the log."""
-    facts = scan_facts(run.index)
+    facts = run.facts
     for remark in facts.remarks():
         log.info("scan: %s", remark)
     if run.memory is not None and run.memory < facts.memory_mb * 1e6:

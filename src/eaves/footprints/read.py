@@ -185,15 +185,15 @@ def refuse_apart(
             "has no coordinate system, and its numbers look like degrees",
             "give it one: a .prj beside it, or ogr2ogr -a_srs EPSG:4326",
         )
-    place = f"they lie within {sides_of(boxes, system)}" if len(boxes) else "none is near them"
+    place = f"they lie within {box_text(boxes, system)}" if len(boxes) else "none is near them"
     raise InputError.about(
         path,
-        f"no polygon meets the points: {place}, the points within {sides_of([area.bounds], system)}",
+        f"no polygon meets the points: {place}, the points within {box_text([area.bounds], system)}",
         "check its coordinate system, give another map, or add --allow-empty",
     )
 
 
-def sides_of(boxes: ArrayLike, system: CoordinateSystem) -> str:
+def box_text(boxes: ArrayLike, system: CoordinateSystem) -> str:
     """West, south, east and north of boxes (N, 4) (m) in the unit of a system, as `--bounds` takes them."""
     extents = np.asarray(boxes).reshape(-1, 4) / system.horizontal_unit_m
     sides = (*extents[:, :2].min(axis=0), *extents[:, 2:].max(axis=0))

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
 from eaves.change.measure import TOLERANCE
 from eaves.change.verdict import ChangeRules
+from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.overlaps import half_shared
@@ -23,7 +22,7 @@ SAMPLE_M = 0.5
 """Roofs are compared at places so far apart (m): a few of them lie in the smallest change."""
 
 
-def groups_of(
+def overlapping_groups(
     earlier: Sequence[Polygon], fresh: Sequence[Polygon], blocks: Sequence[str]
 ) -> Iterator[tuple[list[int], list[int]]]:
     """Numbers of the earlier and of the fresh outlines that have half of either in common, or their detected
@@ -34,13 +33,10 @@ def groups_of(
         if block:
             pairs.append((first.setdefault(block, number), number))
     one, other = np.reshape(np.array(pairs, np.int64), (-1, 2)).T
-    count = len(earlier) + len(fresh)
-    graph = coo_array((np.ones(len(one)), (one, other)), shape=(count, count))
-    number, group = connected_components(graph, directed=False)
-    for member in range(number):
-        members = np.flatnonzero(group == member)
-        old = members < len(earlier)
-        yield members[old].tolist(), (members[~old] - len(earlier)).tolist()
+    group = connected_groups_kernel(one, other, len(earlier) + len(fresh))
+    for numbers in members(group, int(group.max(initial=-1)) + 1):
+        old = numbers < len(earlier)
+        yield numbers[old].tolist(), (numbers[~old] - len(earlier)).tolist()
 
 
 def is_confirmed(earlier: Sequence[BuildingModel], fresh: Sequence[BuildingModel]) -> bool:

@@ -17,7 +17,7 @@ from shapely import Polygon
 
 from eaves.buildings.building_file import Kept, SavedBuilding, building_arrays
 from eaves.buildings.edited import CREATED, VERSION, version_of
-from eaves.change.upkeep.confirmed import groups_of, is_confirmed
+from eaves.change.upkeep.confirmed import is_confirmed, overlapping_groups
 from eaves.change.upkeep.kept import link_file
 from eaves.formats.atomic import atomic
 from eaves.geometry.overlaps import half_shared, pair_off
@@ -137,7 +137,8 @@ def confirmed_apart(
     blocks = [*(f"earlier {name}" * bool(name) for name in map(block_id, earlier)), *map(block_id, fresh)]
     stay: set[int] = set()
     replaced: set[int] = set()
-    for old, new in groups_of([one.polygon for one in earlier], [one.polygon for one in fresh], blocks):
+    outlines = [[one.polygon for one in some] for some in (earlier, fresh)]
+    for old, new in overlapping_groups(outlines[0], outlines[1], blocks):
         before, after = models_of(earlier, old), models_of(fresh, new)
         whole = old and new and (len(before), len(after)) == (len(old), len(new))
         if whole and all(earlier[k].owner in owners for k in old) and is_confirmed(before, after):
