@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from eaves.buildings.gather import cells_of, is_seen_beside
 from eaves.figures.attributes import measure_again
 from eaves.geometry.tolerance import PLANARITY, SNAP
+from eaves.methods import check_returned, naming
 from eaves.model import (
     Block,
     Boundary,
@@ -25,6 +26,7 @@ from eaves.model import (
     RoofPlane,
 )
 from eaves.model.building import OVERHANGS
+from eaves.model.checks import error_line, is_array
 from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
@@ -57,7 +59,10 @@ def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[Build
     if building.given is not None or not len(roof):
         return [building]
     roof = roof[canonical_order(building.xyz[roof])]
-    number = outline.parts(building.xyz[roof], building.spacing)
+    with naming(outline):
+        number = outline.parts(building.xyz[roof], building.spacing)
+    held = is_array(number, len(roof), "iu")
+    check_returned(outline, held, f"as parts an array ({len(roof)},) of int32", number)
     if not number.any():
         return [building]
     nearest = cKDTree(building.xyz[roof, :2]).query(building.xyz[:, :2])[1]
@@ -314,5 +319,5 @@ def find_doubtful(results: Sequence[BuildingResult], finest: str, unit_m: float)
 def broken_result(building: BuildingPoints, error: Exception) -> BuildingResult:
     """The rest of a building whose pass raised: its place, its points, the error as the reason."""
     place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
-    failure = Failure("internal_error", f"{type(error).__name__}: {error}", "pipeline", place)
+    failure = Failure("internal_error", error_line(error), "pipeline", place)
     return BuildingResult(failure, building.point_id, np.zeros(len(building.xyz), np.int32))

@@ -12,6 +12,8 @@ import shapely
 from eaves.detect.given_classes import GivenClasses
 from eaves.footprints.read import box_text
 from eaves.formats import InputError
+from eaves.run.code import is_of_package, package_sources
+from eaves.run.options import METHOD_OPTIONS
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.store import RECORD
 
@@ -27,6 +29,29 @@ COPIED_POINTS = 200_000_000
 COPIED_BYTES = 20
 """Of the shortest record of a LAS file."""
 ANYWAY = "or add --allow-empty"
+
+
+def refuse_unknown_code(run: Run) -> None:
+    """Check that other processes can import the run's methods, and that later runs can see them change.
+
+    Raises
+    ------
+    InputError
+        When several processes, or a run that is kept or resumed, need a method of an interactive session.
+    """
+    options = run.options
+    for stage in METHOD_OPTIONS:
+        method = getattr(run.recipe, stage)
+        name = type(method).__module__
+        if method is None or is_of_package(name):
+            continue
+        is_shared = options["scheduler"] is None and run.jobs > 1
+        lasts = options["keep"] or options["resume"]
+        if (is_shared or lasts) and package_sources().path(name) is None:
+            raise InputError(
+                f"{stage} method {type(method).__qualname__}: has no source file, by which other processes "
+                "and later runs know it; put its class into a file, or leave jobs, keep and resume out"
+            )
 
 
 def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:

@@ -18,13 +18,19 @@ from typing import Any, Self, Unpack
 from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
 from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
-from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
+from eaves.flow.refusals import (
+    refuse_full_disk,
+    refuse_no_classes,
+    refuse_no_points,
+    refuse_unknown_code,
+)
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.remote import localise
+from eaves.methods import name_of
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
@@ -267,6 +273,7 @@ def plan_run(
         carries_edits=carries_edits and not options["overwrite"],
         started=started,
     )
+    refuse_unknown_code(run)
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
     if recipe.use_classes and not may_miss:
@@ -390,7 +397,7 @@ def describe_plan(
 ) -> dict[str, Any]:
     """All that decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
-        stage: method and {"method": method.name, **method.model_dump(mode="json")}
+        stage: method and {"method": name_of(method), **method.model_dump(mode="json")}
         for stage in METHOD_OPTIONS
         for method in [getattr(recipe, stage)]
     }

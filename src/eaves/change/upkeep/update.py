@@ -101,6 +101,7 @@ def update(
     overwrite: bool = False,
     allow_failures: bool = False,
     edits: str | Path | None = None,
+    methods: Sequence[str] = (),
 ) -> Updated:
     """A run's results after a later scan of a part of its area, after a person's edits, or both.
 
@@ -135,6 +136,8 @@ def update(
     edits : str, Path or None
         More edits: polygons with a field `verdict`, and `id` where they are of a known building, or a CSV
         file of both fields.
+    methods : sequence of str
+        Methods of the run (`module:Class`) that no installed package brings, and that are to be imported.
 
     Returns
     -------
@@ -163,7 +166,7 @@ def update(
     request = read_request(folder)
     new = check_inputs(folder, request.inputs, list_inputs(inputs), out) if inputs else []
     when = date_of(new, date) if new else None
-    run = open_again(folder, new, None if inside else out, jobs, overwrite)
+    run = open_again(folder, new, None if inside else out, jobs, overwrite, methods)
     linked = request.keep and not inside
     with nullcontext() if inside else lock_folder(folder), hold_folder(run) as workers:
         if linked:
