@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -105,6 +106,14 @@ def no_class(place: Place) -> Done:
 @case("inputs without a point")
 def no_point(place: Place) -> Done:
     return place.run(place.cloud(np.zeros((0, 3))))
+
+
+@case("server that gives no answer")
+def no_server(place: Place) -> Done:
+    with socket.socket() as port:
+        port.bind(("127.0.0.1", 0))  # and does not listen
+        address = f"http://127.0.0.1:{port.getsockname()[1]}/a.laz"
+        return eaves("build", address, "-o", place.out, *SMALL, *place.more)
 
 
 @case("disk too small for the points")
