@@ -159,7 +159,9 @@ def test_a_server_that_is_slow_is_waited_for__one_that_never_ends_is_a_line(path
         if path == "slow":  # for longer than the patience
             assert RemoteFile(address, Traffic(), patience=0.4).read() == b"a" * SLOWEST * 8
         else:
-            with pytest.raises(InputError, match=rf"/{path}: cannot be read \(no answer within 0.4 s\); check"):
+            with pytest.raises(
+                InputError, match=rf"/{path}: cannot be read \(no answer within 0.4 s\); check"
+            ):
                 RemoteFile(address, Traffic(), patience=0.4)
         server.shutdown()
 

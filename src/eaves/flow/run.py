@@ -43,6 +43,7 @@ from eaves.run.options import (
     kept_options,
 )
 from eaves.run.partition import Window
+from eaves.run.store import WORK
 
 log = logging.getLogger("eaves")
 
@@ -53,7 +54,7 @@ NAMED_SOURCES = 100
 """Maximum number of point files named in each output; of more the first are, and their number."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
-WORK, REMOTE = ".eaves-work", "remote"
+REMOTE = "remote"
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""

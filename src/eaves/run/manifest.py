@@ -13,14 +13,15 @@ from typing import Any
 
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic
+from eaves.run.tables import tables_of
 
 log = logging.getLogger("eaves")
 
 MANIFEST = "run.json"
 """Its members `complete` and `written` are the manifest; all others are the facts of the run."""
 Entry = dict[str, Any]
-"""`size` in bytes, `sha256`, of some files `content`, and the time it was `modified` (ns); empty for a file
-that a run is about to write or has not finished."""
+"""`size` in bytes, `sha256`, of some files `content` and `tables`, and the time it was `modified` (ns); empty
+for a file that a run is about to write or has not finished."""
 SQLITE_HEADER = 100
 """Bytes, by the file format."""
 
@@ -35,7 +36,7 @@ def begin_manifest(
     others: until it ends, what an earlier one left is no result, and whatever happens, a run after this one
     knows the files as ours."""
     entries: dict[str, Entry] = {name: {} for name in planned}
-    entries |= {name: entry_of(folder / name) for name in names_of(folder, files)}
+    entries |= {name: whole_entry(folder / name) for name in names_of(folder, files)}
     write_manifest(folder, facts or {}, {**known_files(folder), **entries}, False)
 
 
@@ -56,7 +57,7 @@ def add_to_manifest(folder: Path, files: Sequence[Path]) -> None:
     """Write down files made after the run, where it has a manifest."""
     if (folder / MANIFEST).exists():
         words = read_manifest(folder)
-        entries = {name: entry_of(folder / name) for name in names_of(folder, files)}
+        entries = {name: whole_entry(folder / name) for name in names_of(folder, files)}
         write_manifest(folder, read_facts(folder), words["written"] | entries, words["complete"])
 
 
@@ -86,7 +87,13 @@ def current_entry(path: Path, entry: Entry | None) -> Entry:
     words = path.stat()
     if entry and (entry["size"], entry.get("modified")) == (words.st_size, words.st_mtime_ns):
         return entry
-    return entry_of(path)
+    return whole_entry(path)
+
+
+def whole_entry(path: Path) -> Entry:
+    """The entry of a file; of a GeoPackage with its `tables`."""
+    tables = {"tables": tables_of(path)} if path.suffix == ".gpkg" else {}
+    return {**entry_of(path), **tables}
 
 
 def is_changed(path: Path, entry: Entry) -> bool:
