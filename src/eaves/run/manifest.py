@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from eaves.formats import InputError
-from eaves.formats.atomic import atomic
+from eaves.formats.atomic import atomic, clear_leftovers
 from eaves.run.tables import tables_of
 
 log = logging.getLogger("eaves")
@@ -41,10 +41,12 @@ def begin_manifest(
 
 
 def end_manifest(folder: Path, files: Sequence[Path], complete: bool = True, **facts: Any) -> None:
-    """Remove what earlier runs wrote and this one did not, and write down every file of this one.
+    """Remove what earlier runs wrote and this one did not, and what any left that was killed; write down
+    every file of this one.
 
     A file that somebody has changed since is left where it is, with a warning. `facts` come to those noted.
     """
+    clear_leftovers([*files, folder / MANIFEST])
     names = names_of(folder, files)
     earlier = known_files(folder)
     for name in sorted(earlier.keys() - set(names)):
