@@ -127,6 +127,12 @@ def small_memory(place: Place) -> Done:
     return place.build("--memory", "1M")
 
 
+@case("memory too small for a file as COPC")
+def small_memory_for_copc(place: Place) -> Done:
+    place.patch.setattr("os.sysconf", lambda name: 1000, raising=False)  # of 1000 pages of 1000 bytes
+    return place.run(place.points, "--formats", "copc")
+
+
 @case("option of a map without one")
 def no_map(place: Place) -> Done:
     return place.build("--id-field", "id")
@@ -253,3 +259,12 @@ def test_a_dry_run_says_the_same(row: list[str], place: Place) -> None:
     place.more = ("--dry-run",)
     done = CASES[row[0]](place)
     assert done.returncode == 2 and row[1].strip("`") in done.stderr, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("more", [(), ("--dry-run",)])
+def test_an_expected_lack_of_memory_is_a_warning(more: tuple[str, ...], place: Place) -> None:
+    flat = np.random.default_rng(0).random((4000, 3)) * [5, 5, 0.02] + [85000, 447000, 1]
+    done = place.run(place.cloud(flat), *SMALL, "--memory", "1G", *more)
+    assert done.returncode == 0, done.stderr
+    told = [line for line in done.stderr.splitlines() if "MB each, more than --memory 1G; give" in line]
+    assert len(told) == 1, done.stderr

@@ -18,7 +18,13 @@ from typing import Any, Self, Unpack
 from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
 from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
-from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
+from eaves.flow.refusals import (
+    refuse_full_disk,
+    refuse_no_classes,
+    refuse_no_points,
+    refuse_small_memory,
+    warn_of_memory,
+)
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
@@ -270,6 +276,7 @@ def plan_run(
     )
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
+    refuse_small_memory(run)
     if recipe.use_classes and not may_miss:
         refuse_no_classes(run)
     return run
@@ -280,12 +287,7 @@ def look_at_scan(run: Run) -> Run:
     facts = run.facts
     for remark in facts.remarks():
         log.info("scan: %s", remark)
-    if run.memory is not None and run.memory < facts.memory_mb * 1e6:
-        log.warning(
-            "--memory %s: each process is expected to need %s MB; give more, or see it run out",
-            run.options["memory"],
-            f"{facts.memory_mb:,}",
-        )
+    warn_of_memory(run)
     return replace(run, plan={**run.plan, "scan": facts.as_json()})
 
 
