@@ -212,6 +212,7 @@ def show_plan(
     computed or written."""
     from tempfile import TemporaryDirectory
 
+    from eaves.flow.refusals import warn_of_memory
     from eaves.flow.run import plan_run
 
     start_log(quiet, verbose)
@@ -219,6 +220,7 @@ def show_plan(
         options.setdefault("cache", cache)
         run = plan_run(inputs, out, read_recipe(options, given), carries_edits=True, **options)
         typer.echo(run.facts.as_text())
+        warn_of_memory(run)
     for reason in run.failed:
         typer.echo(f"incomplete: {reason}", err=True)
     raise typer.Exit(INCOMPLETE if run.failed else COMPLETE)

@@ -22,7 +22,9 @@ from eaves.flow.refusals import (
     refuse_full_disk,
     refuse_no_classes,
     refuse_no_points,
+    refuse_small_memory,
     refuse_unknown_code,
+    warn_of_memory,
 )
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
@@ -49,6 +51,7 @@ from eaves.run.options import (
     kept_options,
 )
 from eaves.run.partition import Window
+from eaves.run.store import WORK
 
 log = logging.getLogger("eaves")
 
@@ -59,7 +62,7 @@ NAMED_SOURCES = 100
 """Maximum number of point files named in each output; of more the first are, and their number."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
-WORK, REMOTE = ".eaves-work", "remote"
+REMOTE = "remote"
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""
@@ -276,6 +279,7 @@ def plan_run(
     refuse_unknown_code(run)
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
+    refuse_small_memory(run)
     if recipe.use_classes and not may_miss:
         refuse_no_classes(run)
     return run
@@ -286,12 +290,7 @@ def look_at_scan(run: Run) -> Run:
     facts = run.facts
     for remark in facts.remarks():
         log.info("scan: %s", remark)
-    if run.memory is not None and run.memory < facts.memory_mb * 1e6:
-        log.warning(
-            "--memory %s: each process is expected to need %s MB; give more, or see it run out",
-            run.options["memory"],
-            f"{facts.memory_mb:,}",
-        )
+    warn_of_memory(run)
     return replace(run, plan={**run.plan, "scan": facts.as_json()})
 
 

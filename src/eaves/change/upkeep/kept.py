@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from eaves.flow.region import EARLIER, REQUEST
-from eaves.flow.run import WORK, Run, look_at_scan, open_run
+from eaves.flow.run import Run, look_at_scan, open_run
 from eaves.formats import InputError
 from eaves.methods import installed_methods, resolve_method
 from eaves.recipe.recipe import Recipe
 from eaves.run.index import Index
 from eaves.run.manifest import read_facts
 from eaves.run.options import DECLARED, METHOD_OPTIONS
+from eaves.run.store import WORK
 from eaves.surroundings.vegetation import VegetationRules
 
 MODELS = "buildings.city.jsonl"

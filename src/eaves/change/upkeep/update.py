@@ -24,7 +24,7 @@ from eaves.flow.collisions import EDITS, is_same_place
 from eaves.flow.numbers import NUMBERS, keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
 from eaves.flow.region import EARLIER, Region, drop_upkeep, end_region, open_region, store_of
-from eaves.flow.run import WORK, Progress, Run, no_progress, stated_request
+from eaves.flow.run import Progress, Run, no_progress, stated_request
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model.summary import IncompleteRunError, Summary
@@ -32,6 +32,7 @@ from eaves.pipeline import bring_points, find_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
+from eaves.run.store import WORK
 
 log = logging.getLogger("eaves")
 
