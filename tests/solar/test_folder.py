@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pyogrio
 import pyproj
 import pytest
+import rasterio
 
 from eaves.cli.app import make_app
-from eaves.formats import InputError
+from eaves.formats import InputError, read_raster
 from eaves.report.build import build
 from eaves.solar import folder as solar_folder
-from eaves.solar.folder import convergence_of, measure_solar
+from eaves.solar.folder import IRRADIATION, convergence_of, measure_solar
+from eaves.solar.sun import ClearSky
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +33,8 @@ def rows_of(path: Path, layer: str) -> list[dict[str, object]]:
 
 
 def test_every_face_has_its_light_and_the_sums_agree(nine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    summary = measure_solar(nine)
+    sky = ClearSky(annual=1050.0)
+    summary = measure_solar(nine, sky=sky)
     roofs, buildings = rows_of(summary.path, "roofs"), rows_of(summary.path, "buildings")
     planes = rows_of(nine / "footprints.gpkg", "roof_planes")
     assert len(roofs) == len(planes) == summary.faces and len(buildings) == summary.buildings == 9
@@ -46,9 +51,46 @@ def test_every_face_has_its_light_and_the_sums_agree(nine: Path, monkeypatch: py
     light = np.array([row["light_kwh_m2"] for row in pitched])
     assert light[np.cos(turn) < -0.7].mean() > 1.3 * light[np.cos(turn) > 0.7].mean()
     monkeypatch.setattr(solar_folder, "SQUARE", 35.0)  # squares decide no result
-    again = rows_of(measure_solar(nine).path, "roofs")
+    whole, _ = read_raster(nine / IRRADIATION)
+    again = rows_of(measure_solar(nine, sky=sky).path, "roofs")
     for one, other in zip(roofs, again, strict=True):
         assert one["light_kwh_m2"] == pytest.approx(other["light_kwh_m2"], rel=2e-3)
+    pieces, _ = read_raster(nine / IRRADIATION)
+    np.testing.assert_allclose(whole.values, pieces.values, rtol=2e-3)
+
+
+def test_raster_has_the_light_of_the_faces_on_the_cells_of_the_surface(nine: Path) -> None:
+    summary = measure_solar(nine, sky=ClearSky(annual=1050.0))
+    raster, _ = read_raster(nine / IRRADIATION)
+    surface, _ = read_raster(nine / "dsm.tif")
+    assert (raster.shape, raster.west, raster.north) == (surface.shape, surface.west, surface.north)
+    roofs = rows_of(summary.path, "roofs")
+    slope = np.radians([row["slope_deg"] for row in roofs])
+    plan = np.array([row["area_m2"] for row in roofs]) * np.cos(slope)
+    light = np.array([row["light_kwh_m2"] for row in roofs])
+    on_roofs = np.isfinite(raster.values)
+    assert on_roofs.sum() * raster.cell**2 == pytest.approx(plan.sum(), rel=0.02)
+    assert raster.values[on_roofs].mean() == pytest.approx((plan * light).sum() / plan.sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("annual", [None, 1050.0])
+def test_sky_is_named_wherever_its_light_is__and_only_a_measured_one_yields(
+    nine: Path, annual: float | None
+) -> None:
+    sky = ClearSky(annual=annual)
+    summary = measure_solar(nine, sky=sky)
+    for layer in ("roofs", "buildings"):
+        assert {row["sky"] for row in rows_of(summary.path, layer)} == {sky.name}
+        empty = [row["pv_kwh"] is None or np.isnan(row["pv_kwh"]) for row in rows_of(summary.path, layer)]  # type: ignore[arg-type]
+        assert all(empty) if annual is None else not any(empty)
+    assert ("no yield" in summary.as_text()) == (annual is None) == (summary.current_mwh is None)
+    with closing(sqlite3.connect(summary.path)) as database:
+        described = database.execute("SELECT description FROM gpkg_contents WHERE table_name = 'roofs'")
+        styles = database.execute("SELECT styleQML, description FROM layer_styles").fetchall()
+        assert sky.name in described.fetchone()[0]
+    assert styles and all(sky.name in qml and sky.name in meaning for qml, meaning in styles)
+    with rasterio.open(nine / IRRADIATION) as image:
+        assert image.tags()["sky"] == sky.name
 
 
 def test_grid_north_is_where_the_map_projection_has_it() -> None:
@@ -66,3 +108,7 @@ def test_command_says_what_is_missing(nine: Path, tmp_path: Path, capsys: pytest
     make_app()(["solar", str(nine), "--latitude", "10"], standalone_mode=False)
     told = capsys.readouterr().out
     assert "roof faces of 9 buildings" in told and "clear sky all year, an upper bound" in told
+    with pytest.raises(InputError, match="give one of them"):
+        make_app()(["solar", str(nine), "--weather", "a.epw", "--annual", "1050"], standalone_mode=False)
+    with pytest.raises(InputError, match="clear all year"):
+        measure_solar(nine, sky=ClearSky(annual=2800.0))

@@ -14,6 +14,7 @@ from eaves.model import Raster
 from eaves.solar.roofs import SolarRules, horizons, light_in_the_open, light_on_faces, lit_light, sky_shares
 from eaves.solar.sun import (
     HOURS,
+    ClearSky,
     Hours,
     clear_hours,
     clear_sky,
@@ -253,6 +254,21 @@ def test_weather_file_is_read_and_its_clock_is_heeded(tmp_path: Path) -> None:
     path.write_text("no weather")
     with pytest.raises(InputError, match="no EPW weather file"):
         read_epw(path)
+
+
+@pytest.mark.parametrize("annual", [500.0, 985.0, 1600.0])
+def test_clouds_bring_the_yearly_sum_of_a_place(annual: float) -> None:
+    """Exactly the sum on the level; more clouds, a larger diffuse share, and no beam over a clear sky's."""
+    hours, clear = ClearSky(annual=annual).hours(52.0, 4.4, 0.0), ClearSky().hours(52.0, 4.4, 0.0)
+    assert hours.level.sum() == pytest.approx(1000.0 * annual)
+    assert (hours.direct <= clear.direct).all() and (hours.diffuse >= 0.0).all()
+    assert hours.diffuse.sum() / hours.level.sum() > clear.diffuse.sum() / clear.level.sum()
+
+
+@pytest.mark.parametrize("annual", [300.0, 1900.0])
+def test_sum_that_no_sky_gives_is_refused(annual: float) -> None:
+    with pytest.raises(InputError, match=r"this place gets 433 .* to 1731"):
+        ClearSky(annual=annual).hours(52.0, 4.4, 0.0)
 
 
 def test_transposition_is_that_of_pvlib() -> None:

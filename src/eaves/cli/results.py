@@ -201,7 +201,14 @@ def export(
 def solar(
     folder: Annotated[Path, typer.Argument(help="Folder of `eaves build`.", metavar="OUT")],
     weather: Annotated[
-        Path | None, typer.Option(help="EPW file with the hourly radiation of a year; default: a clear sky.")
+        Path | None,
+        typer.Option(help="EPW file with the hourly radiation of a year; default: a clear sky, no yield."),
+    ] = None,
+    annual: Annotated[
+        float | None,
+        typer.Option(
+            help="Sunlight of a year on the level (kWh/m²), in place of --weather.", min=100, max=3000
+        ),
     ] = None,
     turbidity: Annotated[
         float, typer.Option(help="Linke turbidity of the clear sky, usually 2 to 7.", min=1, max=10)
@@ -220,18 +227,21 @@ def solar(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Compute the solar radiation on every roof face, by month. Writes OUT/solar.gpkg."""
+    """Compute the solar radiation on every roof face, by month. Writes OUT/solar.gpkg and irradiation.tif."""
     from eaves.cli.runs import progress_display
+    from eaves.formats import InputError
     from eaves.solar.folder import measure_solar
     from eaves.solar.roofs import SolarRules
-    from eaves.solar.sun import read_epw
+    from eaves.solar.sun import ClearSky, read_epw
 
+    if weather is not None and annual is not None:
+        raise InputError("--weather and --annual: each gives the sunlight of a year; give one of them")
     start_log(quiet, verbose)
     with progress_display(quiet) as progress:
         summary = measure_solar(
             folder,
-            SolarRules(turbidity=turbidity, reach=reach, efficiency=efficiency),
-            None if weather is None else read_epw(weather),
+            SolarRules(reach=reach, efficiency=efficiency),
+            ClearSky(turbidity, annual) if weather is None else read_epw(weather),
             None if latitude is None else (latitude, longitude),
             progress,
         )

@@ -33,7 +33,7 @@ def write_surfaces(
     written = [folder / f"{name}.tif" for name in ("dtm", "dsm", "ndsm")]
     with ExitStack() as stack:
         writers = [
-            stack.enter_context(MosaicWriter(path, extent, CELL, system, provenance=provenance))
+            stack.enter_context(MosaicWriter(path, extent, CELL, system, tags=provenance.tags))
             for path in written
         ]
         for block, result in regions.items():
@@ -57,7 +57,7 @@ def write_run_mask(
     """mask.tif: the footprints (world metres) burnt into the raster cells whose centre they hold; its world
     file where it is wanted."""
     tree = shapely.STRtree(polygons)
-    with MosaicWriter(path, extent, CELL, system, mask=True, provenance=provenance) as mosaic:
+    with MosaicWriter(path, extent, CELL, system, mask=True, tags=provenance.tags) as mosaic:
         for block in blocks:
             near = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
             part = within(block.bounds, extent)  # a block may be far wider than its points

@@ -131,7 +131,12 @@ COLUMNS: dict[str, Column] = {
     "covered_share": Column("Covered share", "", "under chimneys, dormers and crowns that are no roof face"),
     "usable_m2": Column("Area for panels", "m²", "along the slope: free, off the rim, sunny, large enough"),
     "usable_kwh_m2": Column("Sunlight on that area", "kWh/m²", "a year"),
-    "pv_kwh": Column("Current", "kWh", "a year, from modules on the area for panels"),
+    "pv_kwh": Column(
+        "Electricity",
+        "kWh",
+        "a year, from modules on the area for panels; empty without --weather or --annual",
+    ),
+    "sky": Column("Sky", "", "under which all this is: weather, yearly sum, or clear all year", str),
     **{
         f"light_{number:02d}_kwh_m2": Column(f"Sunlight in {month}", "kWh/m²", "mean over the face")
         for number, month in enumerate(MONTHS, 1)

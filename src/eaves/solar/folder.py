@@ -1,11 +1,11 @@
-"""Sunlight on the roofs of a run's folder: `solar.gpkg`, written square by square."""
+"""Sunlight on the roofs of a run's folder, square by square: `solar.gpkg` and `irradiation.tif`."""
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,15 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.rasters.geotiff import RasterWindow
+from eaves.formats.rasters.mosaic import MosaicWriter
 from eaves.formats.vectors.geopackage import Row, read_upright, write_layers
-from eaves.model import Bounds, CoordinateSystem
+from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.solar.roofs import FaceLight, SolarRules, best_in_the_open, light_on_faces
-from eaves.solar.sun import Weather, clear_hours
+from eaves.solar.sun import ClearSky, Weather
 
 SQUARE = 480.0
 """Side (m) of the squares, fixed to the world, whose roofs are computed together."""
-NAME = "solar.gpkg"
+NAME, IRRADIATION = "solar.gpkg", "irradiation.tif"
 
 
 @dataclass(frozen=True)
@@ -36,30 +37,37 @@ class SolarSummary:
     roof_m2: float
     light_mwh: float
     usable_m2: float
-    current_mwh: float
+    current_mwh: float | None
+    """None under a sky that is not the place's."""
     sky: str
 
     def as_text(self) -> str:
-        """The summary in two lines."""
+        """The summary in lines."""
+        electricity = "no yield of electricity without --weather or --annual"
+        if self.current_mwh is not None:
+            electricity = f"{self.current_mwh:,.0f} MWh of electricity a year"
         return (
             f"{self.faces:,} roof faces of {self.buildings:,} buildings, {self.roof_m2:,.0f} m²: "
             f"{self.light_mwh:,.0f} MWh of sunlight a year ({self.sky})\n"
-            f"usable for panels: {self.usable_m2:,.0f} m², {self.current_mwh:,.0f} MWh of current a year\n"
-            f"  layers roofs and buildings: {self.path}"
+            f"usable for panels: {self.usable_m2:,.0f} m², {electricity}\n"
+            f"  layers roofs and buildings: {self.path}\n"
+            f"  kWh/m² a year on the roofs, cell by cell: {self.path.with_name(IRRADIATION)}"
         )
 
 
 def measure_solar(
     folder: str | Path,
     rules: SolarRules | None = None,
-    weather: Weather | None = None,
+    sky: Weather | ClearSky | None = None,
     place: tuple[float, float] | None = None,
     progress: Callable[[str, int, int], None] = lambda step, done, total: None,
 ) -> SolarSummary:
-    """The sunlight on every roof face of a run, written to `solar.gpkg` in its folder.
+    """The sunlight on every roof face of a run, written to `solar.gpkg` and `irradiation.tif` in its folder.
 
     Layer `roofs`: the faces with kWh/m² by month and year, the share that shadows take, the sky that is seen,
-    and what of the face panels can use. Layer `buildings`: the sums by building.
+    and what of the face panels can use. Layer `buildings`: the sums by building. The raster has kWh/m² a year
+    along the slope on the cells of the surface that lie on a roof. The name of the sky is in the layers,
+    their styles and the raster; the yield `pv_kwh` is empty under a sky that is clear all year.
 
     Parameters
     ----------
@@ -67,8 +75,9 @@ def measure_solar(
         What a run wrote, with `footprints.gpkg` and `dsm.tif`.
     rules : SolarRules or None
         Constants; None for the defaults.
-    weather : Weather or None
-        Measured or typical light; None is a clear sky all year, an upper bound.
+    sky : Weather, ClearSky or None
+        Measured or typical light, or a clear sky with the yearly sum of the place; None is a clear sky all
+        year, an upper bound.
     place : (float, float) or None
         Latitude and longitude (degrees), for data whose reference system is unknown.
     progress : callable
@@ -82,7 +91,8 @@ def measure_solar(
     Raises
     ------
     InputError
-        When the folder has no roofs or no surface, or the place is unknown.
+        When the folder has no roofs or no surface, or the place is unknown, or its sky cannot give
+        the yearly sum.
 
     Examples
     --------
@@ -96,7 +106,7 @@ def measure_solar(
     >>> summary.faces > 9, summary.light_mwh > 0.0
     (True, True)
     """
-    folder, rules = Path(folder), rules or SolarRules()
+    folder, rules, sky = Path(folder), rules or SolarRules(), sky or ClearSky()
     surface = next((folder / name for name in ("dsm.tif", "dsm.vrt") if (folder / name).exists()), None)
     if surface is None:
         raise InputError.about(folder, "has no dsm.tif", "build it with `eaves build`, which writes one")
@@ -111,17 +121,20 @@ def measure_solar(
             square = math.floor((west + east) / 2 / SQUARE), math.floor((south + north) / 2 / SQUARE)
             squares[square].append(number)
         rows: list[dict[str, Any]] = [{} for _ in roofs]
-        for done, square in enumerate(sorted(squares)):
-            progress("solar", done, len(squares))
-            lights = square_light(roofs, boxes, squares[square], window, rules, weather, place)
-            for number, light in zip(squares[square], lights, strict=True):
-                rows[number] = roof_row(roofs[number].attributes, light, rules)
+        tags = {"irradiation": "kWh/m² a year along the slope of the roofs", "sky": sky.name}
+        extent, cell = window.bounds, window.cell
+        with MosaicWriter(folder / IRRADIATION, extent, cell, system, tags=tags, heights=False) as raster:
+            for done, square in enumerate(sorted(squares)):
+                progress("solar", done, len(squares))
+                piece, corner, lights = square_light(roofs, boxes, squares[square], window, rules, sky, place)
+                raster.overlay(piece, corner)
+                for number, light in zip(squares[square], lights, strict=True):
+                    rows[number] = roof_row(roofs[number].attributes, light, rules, sky)
         progress("solar", len(squares), len(squares))
-    sky = "clear sky all year, an upper bound" if weather is None else f"weather of {weather.place}"
     written = [Row(roof.geometry, row) for roof, row in zip(roofs, rows, strict=True)]
     shapes, _, outlines, _ = read_polygons(folder / "footprints.gpkg", "footprints", target=system)
-    buildings = building_rows(shapes, outlines, rows)
-    write_layers(folder / NAME, {"roofs": written, "buildings": buildings}, system)
+    buildings = building_rows(shapes, outlines, rows, sky)
+    write_layers(folder / NAME, {"roofs": written, "buildings": buildings}, system, note=sky.name)
     return SolarSummary(
         folder / NAME,
         len(rows),
@@ -129,8 +142,8 @@ def measure_solar(
         sum(row["area_m2"] for row in rows),
         sum(row["light_kwh"] for row in rows) / 1000.0,
         sum(row["usable_m2"] for row in rows),
-        sum(row["pv_kwh"] for row in rows) / 1000.0,
-        sky,
+        sum(row["pv_kwh"] for row in rows) / 1000.0 if sky.measured else None,
+        sky.name,
     )
 
 
@@ -140,10 +153,11 @@ def square_light(
     own_faces: Sequence[int],
     window: RasterWindow,
     rules: SolarRules,
-    weather: Weather | None,
+    sky: Weather | ClearSky,
     place: tuple[float, float] | None,
-) -> list[FaceLight]:
-    """The light on the faces `own_faces` of one square, with all that stands within reach."""
+) -> tuple[Raster, tuple[int, int], list[FaceLight]]:
+    """The light on the faces `own_faces` of one square, with all that stands within reach; before it the
+    light (kWh/m² a year) on their cells about a corner, and that corner."""
     west, south = boxes[own_faces, :2].min(axis=0)
     east, north = boxes[own_faces, 2:].max(axis=0)
     square_bounds = Bounds(west, south, east, north)
@@ -158,14 +172,15 @@ def square_light(
         for number in candidates.tolist()
     ]
     latitude, longitude, convergence = site_of(window.system, ((west + east) / 2, (south + north) / 2), place)
-    if weather is None:
-        height = float(np.nanmean([face.exterior.coords[0][2] for face in faces]))
-        hours = clear_hours(latitude, longitude, rules.turbidity, height)
-    else:
-        hours = weather.hours(latitude, longitude)
+    height = float(np.nanmean([face.exterior.coords[0][2] for face in faces]))
+    hours = sky.hours(latitude, longitude, height)
     best = best_in_the_open(hours, rules)
     chosen = np.searchsorted(candidates, own_faces).tolist()
-    return light_on_faces(faces, dsm, hours, convergence, rules, best, chosen)
+    lights = light_on_faces(faces, dsm, hours, convergence, rules, best, chosen)
+    values = np.full(dsm.shape, np.nan, np.float32)
+    for light in lights:
+        values[light.cells] = light.year
+    return replace(dsm, values=values), corner, lights
 
 
 def site_of(
@@ -210,7 +225,9 @@ def convergence_of(crs: Any, latitude: float, longitude: float) -> float:
     return float(turn) if math.isfinite(turn) else 0.0
 
 
-def roof_row(row: Mapping[str, Any], light: FaceLight, rules: SolarRules) -> dict[str, Any]:
+def roof_row(
+    row: Mapping[str, Any], light: FaceLight, rules: SolarRules, sky: Weather | ClearSky
+) -> dict[str, Any]:
     """The attributes of a face in the layer `roofs`."""
     columns = ("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2")
     year, in_the_open = float(light.month.sum()), float(light.open_month.sum())
@@ -224,30 +241,36 @@ def roof_row(row: Mapping[str, Any], light: FaceLight, rules: SolarRules) -> dic
         "covered_share": round(light.covered, 3),
         "usable_m2": round(light.usable_m2, 1),
         "usable_kwh_m2": round(light.usable, 1) if light.usable_m2 > 0.0 else None,
-        "pv_kwh": round(light.usable_m2 * light.usable * rules.efficiency * rules.performance),
+        "pv_kwh": round(light.usable_m2 * light.usable * rules.efficiency * rules.performance)
+        if sky.measured
+        else None,
+        "sky": sky.name,
         **{f"light_{k:02d}_kwh_m2": round(float(energy), 2) for k, energy in enumerate(light.month, 1)},
     }
 
 
 SUMS = ("light_kwh", "usable_m2", "pv_kwh")
+"""Columns of the faces that a building has the sums of; the last one has none under a clear sky."""
 
 
 def building_rows(
     shapes: Sequence[Polygon | MultiPolygon],
     outlines: Sequence[dict[str, Any]],
     roofs: Sequence[dict[str, Any]],
+    sky: Weather | ClearSky,
 ) -> list[Row]:
     """The buildings that have roof faces, with the sums over these."""
     sums: dict[str, dict[str, float]] = {}
     for row in roofs:
-        total = sums.setdefault(str(row["building_id"]), dict.fromkeys(("roof_area_m2", *SUMS), 0.0))
+        names = SUMS if sky.measured else SUMS[:-1]
+        total = sums.setdefault(str(row["building_id"]), dict.fromkeys(("roof_area_m2", *names), 0.0))
         total["roof_area_m2"] += row["area_m2"] or 0.0
-        for name in SUMS:
+        for name in names:
             total[name] += row[name]
     rows = []
     for shape, outline in zip(shapes, outlines, strict=True):
         name = str(outline["id"])
         if name in sums:
             rounded = {key: round(value, 1) for key, value in sums[name].items()}
-            rows.append(Row(shape, {"id": name, **rounded}))
+            rows.append(Row(shape, {"id": name, "pv_kwh": None, **rounded, "sky": sky.name}))
     return rows

@@ -21,9 +21,6 @@ from eaves.solar.sun import MONTHS, Hours, light_on_plane
 class SolarRules:
     """The parameters of sunlight on roofs."""
 
-    turbidity: float = 3.0
-    """Linke's turbidity of the clear sky: 2 is mountain air, 3 the countryside of the middle latitudes, 5 a
-    city's haze [rigollier2000]. Unused with a weather file."""
     albedo: float = 0.2
     """Share of the light that the ground throws back: the usual value without snow. What comes back from
     walls and trees is left out."""
@@ -46,6 +43,9 @@ class SolarRules:
     """… and of that the share which reaches the meter: heat, wires, inverter, dirt."""
 
 
+Cells = tuple[Integers, Integers]
+
+
 @dataclass(frozen=True, eq=False)
 class FaceLight:
     """The light on one roof face in a year."""
@@ -62,6 +62,10 @@ class FaceLight:
     """kWh/m² on what is usable, 0 where nothing is."""
     covered: float
     """Share of the face on which something stands that is no roof face, or hangs over it."""
+    cells: Cells
+    """Rows and columns (N,) of the cells in which it is the highest face …"""
+    year: Values
+    """… and kWh/m² (N,) on each."""
 
 
 def best_in_the_open(hours: Hours, rules: SolarRules) -> float:
@@ -163,9 +167,6 @@ def number_cells(faces: Sequence[Polygon], planes: Values, dsm: Raster) -> NDArr
     return face_at
 
 
-Cells = tuple[Integers, Integers]
-
-
 def face_cells(
     face: Polygon, face_at: NDArray[np.int32], box: tuple[slice, ...] | None, number: int, dsm: Raster
 ) -> Cells:
@@ -219,6 +220,7 @@ def light_on_face(
     good &= shapely.contains_xy(face.buffer(-rules.edge), x, y)
     cell_m2 = np.sqrt(a * a + b * b + 1.0) * dsm.cell**2
     usable = in_large_pieces(good, cells, cell_m2, rules.smallest)
+    seen = face_at[row, column] == number
     return FaceLight(
         month=np.asarray(light.mean(axis=0)),
         open_month=light_in_the_open(hours, normal, rules),
@@ -226,6 +228,8 @@ def light_on_face(
         usable_m2=area * float(usable.mean()),
         usable=float(light[usable].sum(axis=1).mean()) if usable.any() else 0.0,
         covered=float(over.mean()),
+        cells=(row[seen], column[seen]),
+        year=light[seen].sum(axis=1),
     )
 
 

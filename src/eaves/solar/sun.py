@@ -6,10 +6,11 @@ Angles are degrees; azimuths are clockwise from true north.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -137,6 +138,58 @@ def clear_hours(latitude: float, longitude: float, turbidity: float, height: flo
     return kept_hours(0.0, latitude, longitude, partial(clear_sky, turbidity=turbidity, height=height))
 
 
+OVERCAST = 0.25
+"""Share of a clear sky's light that comes through an overcast one, all of it diffuse [kasten1980]."""
+
+
+def clouded_hours(clear: Hours, annual: float) -> Hours:
+    """The hours of a place that gets `annual` kWh/m² a year on the level: each is clear for the same share of
+    its time, and overcast for the rest.
+
+    Raises
+    ------
+    InputError
+        When a clear sky gives less, or an overcast one more.
+    """
+    most = float(clear.level.sum()) / 1000.0
+    if not OVERCAST * most <= annual <= most:
+        raise InputError(
+            f"--annual {annual:g} kWh/m²: this place gets {OVERCAST * most:.0f} (overcast all year) to "
+            f"{most:.0f} (clear all year); give the sum of a year on the level"
+        )
+    share = (annual / most - OVERCAST) / (1.0 - OVERCAST)
+    diffuse = share * clear.diffuse + (1.0 - share) * OVERCAST * clear.level
+    return replace(clear, direct=share * clear.direct, diffuse=diffuse)
+
+
+@dataclass(frozen=True)
+class ClearSky:
+    """A sky that is clear all year, or for the share of every hour that gives a place its yearly sum."""
+
+    turbidity: float = 3.0
+    """Linke's: 2 is mountain air, 3 the countryside of the middle latitudes, 5 a city's haze
+    [rigollier2000]."""
+    annual: float | None = None
+    """kWh/m² a year on the level, of the place; None for clear all year."""
+
+    @property
+    def measured(self) -> bool:
+        """True if its light is that of the place, so that yields follow from it."""
+        return self.annual is not None
+
+    @property
+    def name(self) -> str:
+        """The sky in words."""
+        if self.annual is None:
+            return "clear sky all year, an upper bound"
+        return f"{self.annual:,.0f} kWh/m² a year on the level"
+
+    def hours(self, latitude: float, longitude: float, height: float) -> Hours:
+        """The hours of a place, `height` (m) above the sea."""
+        clear = clear_hours(latitude, longitude, self.turbidity, height)
+        return clear if self.annual is None else clouded_hours(clear, self.annual)
+
+
 def hours_of_year(zone_h: float) -> Values:
     """Days since noon of 1 January 2000, in universal time, of the middle of every hour of a year by a clock
     that is `zone_h` hours ahead."""
@@ -179,9 +232,15 @@ class Weather:
     zone_h: float
     """Hours by which its clock is ahead of universal time."""
     place: str
+    measured: ClassVar[bool] = True
 
-    def hours(self, latitude: float, longitude: float) -> Hours:
-        """With the sun where it stands at a place."""
+    @property
+    def name(self) -> str:
+        """The sky in words."""
+        return f"weather of {self.place}"
+
+    def hours(self, latitude: float, longitude: float, height: float = 0.0) -> Hours:
+        """With the sun where it stands at a place; the light holds its `height` already."""
         return kept_hours(self.zone_h, latitude, longitude, lambda *_: (self.direct, self.diffuse))
 
 
@@ -213,7 +272,8 @@ def read_epw(path: Path) -> Weather:
         raise InputError.about(path, f"has {len(light)} hours, and a year has {HOURS}", remedy)
     if not np.isfinite(light).all() or (light < 0.0).any() or (light > SOLAR_CONSTANT).any():
         raise InputError.about(path, "has hours without direct or diffuse light", remedy)
-    return Weather(light[:, 0], light[:, 1], zone, ", ".join(filter(None, place[1:4])))
+    named = [word.strip() for word in place[1:4] if word.strip(" -")]
+    return Weather(light[:, 0], light[:, 1], zone, ", ".join(named))
 
 
 def light_on_plane(hours: Hours, normal: Values, albedo: float) -> tuple[Values, Values, Values]:

@@ -49,8 +49,8 @@ def listed_styles() -> dict[str, dict[str, Any]]:
     return tomllib.loads(files("eaves.formats.qgis").joinpath("styles.toml").read_text("utf-8"))
 
 
-def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem) -> list[Style]:
-    """The styles of a layer with these columns; none for a layer of another name."""
+def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem, note: str = "") -> list[Style]:
+    """The styles of a layer with these columns, `note` in their legends; none for a layer of another name."""
     about = listed_styles().get("lod" if layer.startswith("lod_") else layer)
     if about is None:
         return []
@@ -60,16 +60,24 @@ def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem) -> l
         beside.append(Element("mapTip"))
         beside[-1].text = about["tip"]
     return [
-        Style(style["name"], style["meaning"], (renderer_of(style, system), *beside))
+        Style(
+            style["name"],
+            style["meaning"].replace("{note}", note),
+            (renderer_of(style, system, note), *beside),
+        )
         for style in about["styles"]
         if style.get("needs") in (None, *columns) and style.get("unless") not in columns
     ]
 
 
-def renderer_of(style: dict[str, Any], system: CoordinateSystem) -> Element:
+def renderer_of(style: dict[str, Any], system: CoordinateSystem, note: str) -> Element:
     """The renderer of a style: by classes, or one symbol for all features."""
     if "by" in style:
-        return classified(style["by"], style["classes"])
+        labels = [
+            grade.get("label", grade.get("value")).replace("{note}", note) for grade in style["classes"]
+        ]
+        classes = [{**grade, "label": label} for grade, label in zip(style["classes"], labels, strict=True)]
+        return classified(style["by"], classes)
     unit = f"{unit_lengths(system)[0]:.9g}"
     layers = [{**layer, "shape": layer.get("shape", "").replace("{unit}", unit)} for layer in style["layers"]]
     return single(layers, style.get("farthest"))

@@ -54,9 +54,12 @@ METADATA_EXTENSION = (
 )
 
 
-def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance = NOTHING_KNOWN) -> None:
-    """Add to a GeoPackage the styles and units of its layers, title, unit and meaning of their columns, and
-    what it is made from, as JSON: of GDAL's own kind of metadata its reader would leave a file beside it."""
+def describe_layers(
+    path: Path, system: CoordinateSystem, provenance: Provenance = NOTHING_KNOWN, note: str = ""
+) -> None:
+    """Add to a GeoPackage the styles and units of its layers, a note on them, title, unit and meaning of
+    their columns, and what it is made from, as JSON: of GDAL's own kind of metadata its reader would leave a
+    file beside it."""
     with closing(sqlite3.connect(path)) as database, database:
         if provenance:
             database.executescript(METADATA_TABLES)
@@ -80,11 +83,14 @@ def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance
             )
         described = False
         units = describe_units(name_units(system)) or "geometry and attributes in metres"
+        description = f"{note}; {units}" if note else units
         for layer, geometry in layers:
-            database.execute("UPDATE gpkg_contents SET description = ? WHERE table_name = ?", (units, layer))
+            database.execute(
+                "UPDATE gpkg_contents SET description = ? WHERE table_name = ?", (description, layer)
+            )
             names = [row[1] for row in database.execute(f'PRAGMA table_info("{layer}")')]
             columns = [name for name in names if name not in ("fid", geometry)]
-            for number, style in enumerate(styles_of(layer, columns, system) if geometry else ()):
+            for number, style in enumerate(styles_of(layer, columns, system, note) if geometry else ()):
                 database.execute(
                     "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, "
                     "f_geometry_column, styleName, styleQML, styleSLD, useAsDefault, description, owner) "

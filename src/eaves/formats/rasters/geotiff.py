@@ -182,10 +182,20 @@ class RasterWindow:
     def __exit__(self, *error: object) -> None:
         self.image.close()
 
+    @property
+    def cell(self) -> float:
+        """Side of a cell (m)."""
+        return float(self.image.transform.a * self.system.horizontal_unit_m)
+
+    @property
+    def bounds(self) -> Bounds:
+        """World metres of all its cells."""
+        return Bounds(*(side * self.system.horizontal_unit_m for side in self.image.bounds))
+
     def read(self, bounds: Bounds | None = None, origin: tuple[float, float] = (0.0, 0.0)) -> Raster:
         """The cells that meet `bounds` (world metres), or all of them, in metres about `origin`."""
         unit, transform = self.system.horizontal_unit_m, self.image.transform
-        cell = transform.a * unit
+        cell = self.cell
         left, right, top, low = 0, self.image.width, 0, self.image.height
         if bounds is not None:
             left = max(int(np.floor((bounds.west - transform.c * unit) / cell)), 0)

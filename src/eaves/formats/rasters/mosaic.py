@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,14 +17,8 @@ from rasterio.windows import Window
 
 from eaves.formats.atomic import atomic
 from eaves.formats.rasters.geotiff import COG_OPTIONS, profile_of, transform_of
-from eaves.model import (
-    LOCAL_METRES,
-    NOTHING_KNOWN,
-    Bounds,
-    CoordinateSystem,
-    Provenance,
-    Raster,
-)
+from eaves.formats.rasters.vrt import NO_TAGS
+from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Raster
 
 TILE = 256
 """Side (cells) of the tiles of the file in the making."""
@@ -49,8 +44,10 @@ class MosaicWriter:
         The coordinate system; position, cell and heights are converted to its units.
     mask : bool
         True if values are 0 and 1 (uint8) and not heights.
-    provenance : Provenance
-        Data the raster is made from, recorded in its tags.
+    tags : mapping of str to str
+        Facts recorded in the file.
+    heights : bool
+        True if values are heights (m), which are converted to the system's unit.
 
     Raises
     ------
@@ -76,9 +73,11 @@ class MosaicWriter:
         cell: float,
         system: CoordinateSystem = LOCAL_METRES,
         mask: bool = False,
-        provenance: Provenance = NOTHING_KNOWN,
+        tags: Mapping[str, str] = NO_TAGS,
+        heights: bool = True,
     ) -> None:
-        self.path, self.cell, self.system, self.mask = Path(path), cell, system, mask
+        self.path, self.cell, self.mask = Path(path), cell, mask
+        self.unit = np.float32(system.vertical_unit_m if heights else 1.0)
         self.first_column, self.last_row = round_down(bounds.west, cell), round_down(bounds.south, cell)
         self.columns = max(-round_down(-bounds.east, cell) - self.first_column, 1)
         self.rows = max(-round_down(-bounds.north, cell) - self.last_row, 1)
@@ -91,8 +90,8 @@ class MosaicWriter:
         profile |= {"tiled": True, "blockxsize": TILE, "blockysize": TILE, "bigtiff": "IF_SAFER"}
         profile |= {"dtype": "uint8"} if mask else {"dtype": "float32", "nodata": np.nan}
         with rasterio.Env(GDAL_CACHEMAX=CACHE_BYTES):
-            self._image = rasterio.open(self._draft, "w", driver="GTiff", sparse_ok=True, **profile)
-        self._image.update_tags(**provenance.tags)
+            self._image = rasterio.open(self._draft, "w+", driver="GTiff", sparse_ok=True, **profile)
+        self._image.update_tags(**tags)
 
     def write(self, piece: Raster, bounds: Bounds, origin: tuple[float, float] = (0.0, 0.0)) -> None:
         """Put the cells of `piece` (metres about `origin`) whose centre is within `bounds` (world metres)
@@ -115,6 +114,17 @@ class MosaicWriter:
             return
         part = piece.values[upper - row : lower - row, left - column : right - column]
         self._image.write(self._stored(part), 1, window=Window(left, upper, right - left, lower - upper))
+
+    def overlay(self, piece: Raster, origin: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Put those cells of `piece` (metres about `origin`) in place that have a value, and lie inside."""
+        column = round((piece.west + origin[0]) / self.cell) - self.first_column
+        row = self.top_row - round((piece.north + origin[1]) / self.cell)
+        rows, columns = piece.shape
+        window = Window(column, row, columns, rows).intersection(Window(0, 0, self.columns, self.rows))
+        left, upper = window.col_off - column, window.row_off - row
+        part = self._stored(piece.values[upper : upper + window.height, left : left + window.width])
+        earlier = self._image.read(1, window=window)
+        self._image.write(np.where(np.isnan(part), earlier, part), 1, window=window)
 
     def finish(self) -> None:
         """Write the file itself and drop the draft."""
@@ -142,7 +152,7 @@ class MosaicWriter:
     def _stored(self, values: NDArray[np.float32]) -> NDArray[Any]:
         if self.mask:
             return (np.nan_to_num(values) > 0).astype(np.uint8)
-        return (values / np.float32(self.system.vertical_unit_m)).astype(np.float32)
+        return (values / self.unit).astype(np.float32)
 
 
 def round_down(value: float, cell: float) -> int:

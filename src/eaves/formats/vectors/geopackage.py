@@ -142,12 +142,14 @@ def write_layers(
     layers: Mapping[str, Iterable[Row]],
     system: CoordinateSystem,
     provenance: Provenance = NOTHING_KNOWN,
+    note: str = "",
 ) -> None:
-    """Write any layers of a GeoPackage, with the styles and titles that are known for them."""
+    """Write any layers of a GeoPackage, with the styles and titles that are known for them; `note` is said in
+    their descriptions and legends."""
     with atomic(path) as temporary:
         for layer, rows in layers.items():
             _write_layer(temporary, rows, system, "GPKG", layer)
-        describe_layers(temporary, system, provenance)
+        describe_layers(temporary, system, provenance, note)
 
 
 def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
