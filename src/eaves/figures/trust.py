@@ -23,6 +23,9 @@ DETAILED = "2.2"
 LEAST_LOSS = 0.7
 """Log-odds that a trait must cost to be a reason: half of the odds."""
 
+DEFECT_LOSS = WEIGHTS["one"] + WEIGHTS["corners"] * HOUSE - float(np.log(HIGH / (1.0 - HIGH)))
+"""Log-odds that a trait must cost to take a plain house out of high trust by itself."""
+
 SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
 
@@ -47,6 +50,30 @@ def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
     )
 
 
+def trait_gains(row: Mapping[str, Any]) -> dict[str, float]:
+    """The log-odds that each trait gives."""
+    gains = trust_traits(row) * np.array(list(WEIGHTS.values()))
+    return dict(zip(WEIGHTS, gains.tolist(), strict=True))
+
+
+def lacks_model(row: Mapping[str, Any]) -> bool:
+    """True for a building without a model."""
+    return row.get("lod") in (None, "0") and bool(row.get("failure_code"))
+
+
+def has_defect(row: Mapping[str, Any]) -> bool:
+    """True if a fault that a person can see takes a building out of high trust by itself. A party wall under
+    one roof, of which the scan shows nothing, is none.
+    """
+    supported = row.get("supported_share")
+    gains = trait_gains(row)
+    return (
+        (supported is not None and supported < HIGH)
+        or any(gains[name] <= -DEFECT_LOSS for name in WORDS)
+        or any(doubts_of({**row, "wall_certainty": None}))
+    )
+
+
 def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     """The class of trust of a building (high, medium, low), how likely it is wrong (0 to 1), and the reasons
     in words.
@@ -62,9 +89,9 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     >>> judge({"lod": "2.2", "score": 1.0, "supported_share": 0.3})[0]
     'low'
     """
-    if row.get("lod") in (None, "0") and row.get("failure_code"):
+    if lacks_model(row):
         return "low", 1.0, f"no model: {row.get('failure_reason')}"
-    gains = dict(zip(WEIGHTS, (trust_traits(row) * np.array(list(WEIGHTS.values()))).tolist(), strict=True))
+    gains = trait_gains(row)
     badness = float(1.0 / (1.0 + np.exp(sum(gains.values()))))
     reasons = []
     supported = row.get("supported_share")
@@ -85,11 +112,10 @@ WORDS = {
     "empty": "{share_no_data:.0%} of its plan has no points",
     "corners": "{corners} corners on {area_m2:.0f} m²",
     "hidden": "no ground was seen beside {hidden_share:.0%} of its outline",
-    "notched": "its outline fills only {box_share:.0%} of a rectangle",
 }
-"""The fault that a trait shows, in words."""
+"""The fault that a trait shows, in words. That an outline is no rectangle is none."""
 
-SMALL_DOUBTS = "no single reason: points off the roof, gaps in the points and the outline together"
+SMALL_DOUBTS = "no single reason: points off the roof, gaps in the points and the shape of its outline together"
 
 
 def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:

@@ -117,7 +117,7 @@ COLUMNS: dict[str, Column] = {
     ),
     "review_reason": Column("Why to review", "", "what lowers the trust, in words", str),
     "rank": Column("Rank", "", "1 is the building to look at first", int),
-    "badness": Column("Badness", "", "probability that the building is wrong, 0 to 1"),
+    "worth_m2": Column("Worth", "m²", "area that is likely wrong: (1 - trust_score) times the area"),
     "link": Column("On the page", "", "the building in report.html beside the file", str),
     "stage": Column("Step", "", "the step of the computation that could not decide", str),
     "reason": Column("Reason", "", "why the place or the building deserves a look, in words", str),
