@@ -56,6 +56,29 @@ def test_a_polygon_without_a_model_is_listed_whatever_its_size() -> None:
 
 
 @pytest.mark.parametrize(
+    ("width", "length", "height", "kind", "vehicle"),
+    [
+        (2.6, 12.2, 2.9, "flat", True),
+        (2.7, 16.2, 4.3, "flat", True),
+        (5.5, 16.4, 4.2, "flat", True),
+        (13.4, 16.9, 4.5, "flat", True),
+        (2.6, 12.2, 2.9, "gable", False),
+        (2.8, 5.8, 2.5, "flat", False),
+        (2.7, 16.2, 6.5, "flat", False),
+        (6.6, 16.4, 4.2, "flat", False),
+        (5.5, 16.4, 2.9, "flat", False),
+        (5.5, 24.0, 4.2, "flat", False),
+    ],
+)
+def test_what_has_the_form_of_trailers_may_be_some(
+    width: float, length: float, height: float, kind: str, vehicle: bool
+) -> None:
+    form = {"width_m": width, "length_m": length, "measuredHeight": height, "roof_type": kind}
+    trust, _, reason = judge({**GOOD, **form})
+    assert (trust == "low", "vehicle" in reason) == (vehicle, vehicle)
+
+
+@pytest.mark.parametrize(
     ("worse", "word"),
     [
         ({"supported_share": 0.3}, "supported"),

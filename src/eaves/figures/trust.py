@@ -30,6 +30,30 @@ SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
 
 
+VEHICLE_WIDTH_M, VEHICLE_HEIGHT_M, VEHICLE_LENGTH_M = (2.55, 2.95), (2.2, 5.0), (7.5, 18.0)
+"""Trailers and containers are 2.44 to 2.6 m wide, 2.6 to 4.2 m high and to 16.2 m long; outlines and tops are as
+much as a step of the scan larger, the ground beside lower. Shorter ones are as large as garages."""
+
+TRAILER_HEIGHT_M, TRAILER_LENGTH_M = 3.8, 13.0
+"""Least height and length (m) of trailers that stand side by side."""
+
+VEHICLE_BADNESS = 0.9
+"""How likely what has the form of a vehicle is none of a building's."""
+
+
+def is_vehicle(row: Mapping[str, Any]) -> bool:
+    """True for a level top that has the width, height and length of a trailer or container, or the height and
+    length of trailers and the width of several side by side."""
+    width, length, height = (row.get(name) or 0.0 for name in ("width_m", "length_m", "measuredHeight"))
+    (least, most), (lowest, highest) = VEHICLE_WIDTH_M, VEHICLE_HEIGHT_M
+    if row.get("roof_type") != "flat" or not lowest <= height <= highest or length > VEHICLE_LENGTH_M[1]:
+        return False
+    if width <= most:
+        return bool(length >= VEHICLE_LENGTH_M[0])
+    abreast = width / most <= width // least
+    return bool(abreast and height >= TRAILER_HEIGHT_M and length >= TRAILER_LENGTH_M)
+
+
 def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
     """The traits (6,) that `WEIGHTS` weigh: 1, share of the roof points that are not near the roof,
     share without data, logarithm of the corners over the root of the area, share of the outline beside which
@@ -101,6 +125,9 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     weak_traits = [name for name, gain in gains.items() if name in WORDS and gain <= -LEAST_LOSS]
     reasons += [WORDS[name].format(**row) for name in sorted(weak_traits, key=lambda name: gains[name])]
     doubts = list(doubts_of(row))
+    if is_vehicle(row):
+        badness = max(badness, VEHICLE_BADNESS)
+        reasons.insert(0, "a container or vehicle? level, {width_m:.1f} by {length_m:.1f} m".format(**row))
     if doubts:
         badness = max(badness, 1.0 - 0.5 * (HIGH + LOW))
     trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness > LOW else "low"
