@@ -225,11 +225,15 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
-    """Figures of an outline that was not given: its corners, the share of the least rectangle or circle
-    around it that it fills, and the share, but for walls to other units, without ground within `FAR_M`."""
+    """Figures of an outline that was not given: its corners, sides of the least rectangle around it, the share
+    of that, or of the least circle, that it fills, and the share, but for walls to other units, without ground within `FAR_M`."""
     polygon = footprint.polygon
-    around = min(polygon.minimum_rotated_rectangle.area, shapely.minimum_bounding_circle(polygon).area)
+    rectangle = polygon.minimum_rotated_rectangle
+    around = min(rectangle.area, shapely.minimum_bounding_circle(polygon).area)
+    sides = np.hypot(*np.diff(shapely.get_coordinates(rectangle)[:3], axis=0).T)
     facts: dict[str, object] = {
+        "width_m": round(float(sides.min()), 2),
+        "length_m": round(float(sides.max()), 2),
         "corners": sum(map(corner_count, shapely.get_rings(polygon))),
         "box_share": round(float(polygon.area / around), 3),
     }

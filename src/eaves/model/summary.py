@@ -172,7 +172,7 @@ class Summary:
                 lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
         if self.trust:
             high, medium, low = (self.trust.get(name, 0) for name in ("high", "medium", "low"))
-            lines.append(f"{many}: {high:,} high, {medium:,} medium, {low:,} to review")
+            lines.append(f"{many}: trust high {high:,}, medium {medium:,}, low {low:,}")
         return "\n".join([*lines, self._ending()])
 
     def _ending(self) -> str:

@@ -19,6 +19,7 @@ from eaves.reconstruct.toolkit.cell_labels import LARGEST, cell_costs, label_cel
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
+    planes_of_regions,
     seen_roof,
     spacing_on_roof,
     support_of,
@@ -39,19 +40,20 @@ class Arrangement(ObjectLimits):
     of two planes, the sides of the rectangle around each plane, and the footprint itself; each is lengthened
     to the next, so that it cuts. All is rounded to a 1 mm grid by snap rounding, which keeps the plan a plan.
     Every cell gets the plane that fits its points, at a cost for each metre of border, most where heights
-    jump, and for each plane. Cells with one plane are merged, slivers and short edges go, and the plan is
-    raised with vertices that all faces share. The coarser levels merge the same cells further: LoD 2.0 gives
+    jump, and for each face. Then each face's plane is fitted to the points in it, and lines, cells and labels
+    are made once more of these planes. Cells with one plane are merged, slivers and short edges go, and the
+    plan is raised with vertices that all faces share. The coarser levels merge the same cells further: LoD 2.0 gives
     small faces to their neighbours, 1.3 and 1.2 level them.
 
     Formula
     -------
-    min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + γ · planes in use,
+    min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + 2γ · faces,
 
     d the distance of a roof point from the cell's plane, a the spacing, τ, g the limits, β, γ the prices; s
     grows with the height of the jump from 0.2 where the planes meet to 1 where they are half a metre apart. γ
-    counts in points: what a part must show to be worth its description is a number of points, not an area.
-    Cells choose in the order of what it matters to them, then cells, regions and whole planes move to what is
-    cheaper for them; expansion moves [boykov2001] come to the same sums. A corner then stays where it is only
+    counts in points: what a part must show to be worth its description is a number of points, not an area; a
+    face is a plane and where it lies. Cells choose in the order of what it matters to them, then cells and
+    faces move to what is cheaper for them. A corner then stays where it is only
     when its moving into the next one, or onto the line between its neighbours, would cost the points more
     than `plane_points` for each corner that saves.
 
@@ -78,7 +80,7 @@ class Arrangement(ObjectLimits):
 
     References
     ----------
-    [peters2022], [boykov2001].
+    [peters2022].
     """
 
     name: ClassVar[str] = "arrangement"
@@ -130,12 +132,21 @@ class Arrangement(ObjectLimits):
         roof = points[top]
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
-        plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
-        if plan is None:
-            return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
-        reach = plane_reach(roof, labels, coefficients, spacing, ground, self.farthest)
-        located = plan.cells_of(roof)
-        data = cell_costs(plan, reach, self, located)
+        for fitted in (False, True):
+            plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
+            if plan is None:
+                reason = "the footprint encloses no area wider than 3 cm"
+                return Failure("no_area", reason, self.stage, footprint)
+            reach = plane_reach(roof, labels, coefficients, spacing, ground, self.farthest)
+            located = plan.cells_of(roof)
+            data = cell_costs(plan, reach, self, located)
+            if not fitted:
+                chosen = label_cells(plan, reach, self, data)
+                region, first = plan.regions(chosen)
+                known = np.vstack([coefficients[chosen[first]], coefficients[-1:]])
+                labels, coefficients = planes_of_regions(
+                    roof, located, region, known, 0.5 * self.residual_limit
+                )
         for _ in range(MOST_ROUNDS):
             chosen = label_cells(plan, reach, self, data)
             merged, names = plan.merged(chosen)
