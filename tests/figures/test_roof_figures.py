@@ -77,7 +77,9 @@ def test_area_decides_of_a_stepped_building(low: float, eaves: float) -> None:
     assert figures["h_ridge"] == figures["h_max"] == 11.5
 
 
-def box(east: float, depth: float, top: float, west: float = 0.0, bottom: float = 0.0) -> list[list[np.ndarray]]:
+def box(
+    east: float, depth: float, top: float, west: float = 0.0, bottom: float = 0.0
+) -> list[list[np.ndarray]]:
     """The faces of a box whose south-west corner lies at x = `west`, y = 0."""
     base = np.array([[west, 0.0], [east, 0.0], [east, depth], [west, depth]])
     low, high = (np.column_stack([base, np.full(4, height)]) for height in (bottom, top))

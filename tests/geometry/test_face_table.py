@@ -32,7 +32,8 @@ def test_a_slope_with_a_hole_has_the_figures_of_its_plane() -> None:
 
 
 def test_a_section_is_the_plan_of_what_lies_above() -> None:
-    # the slope reaches z = 5 at x = 4, z = 6.5 at x = 6: east of the hole, whose eastern side it touches first
+    # the slope reaches z = 5 at x = 4, z = 6.5 at x = 6: east of the hole, whose eastern side it touches
+    # first
     slope = FaceTable.of([[SQUARE, HOLE]])
     assert [slope.section_area(height) for height in (1.0, 4.25, 5.0, 6.5, 9.0)] == pytest.approx(
         [60.0, 8 * 5 - 2, 32.0, 16.0, 0.0]

@@ -18,7 +18,9 @@ GOOD = {"id": "good", "lod": "2.2", "score": 0.99, "supported_share": 1.0, "inli
 
 
 def building(side: float = 10.0, **values: object) -> BuildingRow:
-    return BuildingRow(shapely.box(0, 0, side, 8), {**GOOD, "area_m2": 8.0 * side, **values}, {}, [], True, None, {})
+    return BuildingRow(
+        shapely.box(0, 0, side, 8), {**GOOD, "area_m2": 8.0 * side, **values}, {}, [], True, None, {}
+    )
 
 
 def test_the_worst_stands_first_with_its_reason_and_a_link() -> None:

@@ -225,8 +225,9 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
-    """Figures of an outline that was not given: its corners, sides of the least rectangle around it, the share
-    of that, or of the least circle, that it fills, and the share, but for walls to other units, without ground within `FAR_M`."""
+    """Figures of an outline that was not given: its corners, sides of the least rectangle around it, the
+    share of that, or of the least circle, that it fills, and the share, but for walls to other units, without
+    ground within `FAR_M`."""
     polygon = footprint.polygon
     rectangle = polygon.minimum_rotated_rectangle
     around = min(rectangle.area, shapely.minimum_bounding_circle(polygon).area)

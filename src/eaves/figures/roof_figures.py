@@ -50,8 +50,8 @@ HEADROOM_M = 1.5
 """Clear height (m) from which a floor counts, as under the slopes of an attic (NEN 2580, DIN 277)."""
 
 FULL_M, FULL_SHARE = 2.0, 0.75
-"""Clear height (m) that a full storey has, and over what share of the floor. Building codes ask 2.3 m; storeys
-lower than `STOREY_M` put a second floor of 2.6 m by so much too high."""
+"""Clear height (m) that a full storey has, and over what share of the floor. Building codes ask 2.3 m;
+storeys lower than `STOREY_M` put a second floor of 2.6 m by so much too high."""
 
 CODES = {"flat": "1000", "shed": "1010", "gable": "1030", "hip": "1040", "pyramid": "1070", "complex": "1130"}
 """The roof types in the code list of CityGML's `roofType` (SIG3D)."""
@@ -131,12 +131,12 @@ def roof_figures(
 
 
 def storey_figures(solids: FaceTable, ground: float) -> Record:
-    """Storeys and gross floor area (m²) of closed solids on a base (m), an estimate: sections of the solids over
-    floors `STOREY_M` apart.
+    """Storeys and gross floor area (m²) of closed solids on a base (m), an estimate: sections of the
+    solids over floors `STOREY_M` apart.
 
     A floor is the section `HEADROOM_M` over it: an attic counts where a person can stand, a lean-to with its
-    own storeys, a passage with none. A storey is full, and counted, when it is `FULL_M` high over `FULL_SHARE`
-    of the largest floor.
+    own storeys, a passage with none. A storey is full, and counted, when it is `FULL_M` high over
+    `FULL_SHARE` of the largest floor.
     """
     top = float(solids.corners[:, 2].max()) - ground
     upper = np.arange(STOREY_M, top, STOREY_M).tolist()

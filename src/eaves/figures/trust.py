@@ -31,8 +31,8 @@ SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 
 
 VEHICLE_WIDTH_M, VEHICLE_HEIGHT_M, VEHICLE_LENGTH_M = (2.55, 2.95), (2.2, 5.0), (7.5, 18.0)
-"""Trailers and containers are 2.44 to 2.6 m wide, 2.6 to 4.2 m high and to 16.2 m long; outlines and tops are as
-much as a step of the scan larger, the ground beside lower. Shorter ones are as large as garages."""
+"""Trailers and containers are 2.44 to 2.6 m wide, 2.6 to 4.2 m high and to 16.2 m long; outlines and tops
+are as much as a step of the scan larger, the ground beside lower. Shorter ones are as large as garages."""
 
 TRAILER_HEIGHT_M, TRAILER_LENGTH_M = 3.8, 13.0
 """Least height and length (m) of trailers that stand side by side."""
@@ -142,7 +142,9 @@ WORDS = {
 }
 """The fault that a trait shows, in words. That an outline is no rectangle is none."""
 
-SMALL_DOUBTS = "no single reason: points off the roof, gaps in the points and the shape of its outline together"
+SMALL_DOUBTS = (
+    "no single reason: points off the roof, gaps in the points and the shape of its outline together"
+)
 
 
 def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:

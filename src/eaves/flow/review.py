@@ -22,8 +22,8 @@ LEAST_WORTH_M2 = 30.0
 
 
 def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
-    """The buildings of low trust, or with a defect that lowers it by itself, by the area that is likely wrong;
-    of a map's polygons all that have no model.
+    """The buildings of low trust, or with a defect that lowers it by itself, by the area that is likely
+    wrong; of a map's polygons all that have no model.
     """
     rows = []
     for building in buildings:

@@ -165,8 +165,8 @@ class FaceTable:
         return float((heads * self.vectors).sum() / 3.0)
 
     def section_area(self, height: float) -> float:
-        """Area (m²) of the level section at a height (m) through closed solids: the plan of what lies over it,
-        of faces that look up less that of those that look down.
+        """Area (m²) of the level section at a height (m) through closed solids: the plan of what lies
+        over it, of faces that look up less that of those that look down.
 
         Each edge is cut at the height and summed by its cross product about a place of its face's level line,
         so that the line itself adds nothing.

@@ -42,8 +42,8 @@ class Arrangement(ObjectLimits):
     Every cell gets the plane that fits its points, at a cost for each metre of border, most where heights
     jump, and for each face. Then each face's plane is fitted to the points in it, and lines, cells and labels
     are made once more of these planes. Cells with one plane are merged, slivers and short edges go, and the
-    plan is raised with vertices that all faces share. The coarser levels merge the same cells further: LoD 2.0 gives
-    small faces to their neighbours, 1.3 and 1.2 level them.
+    plan is raised with vertices that all faces share. The coarser levels merge the same cells further:
+    LoD 2.0 gives small faces to their neighbours, 1.3 and 1.2 level them.
 
     Formula
     -------

@@ -37,8 +37,9 @@ def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> M
 
 
 def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
-    """One doubt for each group of cells of `COARSEST_M` of the world that hold doubtful points, as large as their
-    share of the points; those with their middle in `bounds` (world metres) and of `LEAST_M2` or more.
+    """One doubt for each group of cells of `COARSEST_M` of the world that hold doubtful points, as large
+    as their share of the points; those with their middle in `bounds` (world metres) and of `LEAST_M2` or
+    more.
 
     Cells are fixed to the world, so blocks and tiles have the same.
     """

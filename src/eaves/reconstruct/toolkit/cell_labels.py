@@ -41,13 +41,13 @@ class Borders(NamedTuple):
 
 
 def label_nodes(data: Values, borders: Borders, region_cost: float) -> Integers:
-    """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of regions, each
-    all of one label that hangs together.
+    """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of regions,
+    each all of one label that hangs together.
 
     `data` (N, L) is the cost of each label at each node. The nodes choose one after the other, those first
-    for which it makes most difference. Then nodes and regions move to the label that is
-    cheapest for them, as long as that lowers the sum. Moves of regions leave the minima in which single nodes
-    are caught. That a move may cut a region in two is not priced.
+    for which it makes most difference. Then nodes and regions move to the label that is cheapest for them, as
+    long as that lowers the sum. Moves of regions leave the minima in which single nodes are caught. That a
+    move may cut a region in two is not priced.
     """
     labels = np.full(len(data), OUTSIDE)
     second = np.partition(data, min(1, data.shape[1] - 1), axis=1)[:, :2]
@@ -188,8 +188,8 @@ def cost_kernel(
     most: float,
     region_cost: float,
 ) -> float:
-    """The cost of a label to the first `size` nodes of a group and to the first `length` edges of their `rim`,
-    and of a region where no neighbour has the label; no less than `most` where it is more."""
+    """The cost of a label to the first `size` nodes of a group and to the first `length` edges of their
+    `rim`, and of a region where no neighbour has the label; no less than `most` where it is more."""
     total = region_cost
     for place in range(length):
         if labels[rim[place, 1]] == label:
@@ -241,7 +241,7 @@ class LabelCosts(BaseModel):
     )
     plane_points: float = parameter(
         4.0,
-        "Price of a plane, of the place of a face, and of a corner, in points: three numbers are worth stating "
+        "Price of a plane, of where a face lies, and of a corner, in points: three numbers are worth stating "
         "when they explain so many.",
         symbol="γ",
         ge=0.0,

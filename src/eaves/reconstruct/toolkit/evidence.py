@@ -126,8 +126,8 @@ def planes_of_regions(
     """The region of each roof point (N, 3) that lies on its plane, -1 for others, (N,), and the planes of the
     regions (R, 3), of least squared distances from the points that lie within `reach` (m) of them.
 
-    `located` are points and the cells they lie in, `region` (C,) those of the cells, `planes` (R, 3) what they
-    have. A region of few points, or of points on a line, keeps its plane.
+    `located` are points and the cells they lie in, `region` (C,) those of the cells, `planes` (R, 3) what
+    they have. A region of few points, or of points on a line, keeps its plane.
     """
     owner = np.full(len(roof), -1, np.int32)
     owner[located[0]] = region[located[1]]
@@ -138,8 +138,8 @@ def planes_of_regions(
 
 @kernel
 def fit_kernel(points: Points, owner: Labels, planes: Values, reach: float) -> Mask:
-    """Fits the `planes` (P, 3: a, b, c) to the points (N, 3) of their `owner` (N,), -1 for none, within a reach
-    (m) of them, again and again; which points are within it (N,)."""
+    """Fits the `planes` (P, 3: a, b, c) to the points (N, 3) of their `owner` (N,), -1 for none, within a
+    reach (m) of them, again and again; which points are within it (N,)."""
     near, plane = np.zeros(len(points), np.bool_), np.zeros(4)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     middle = points[0].copy()
