@@ -14,8 +14,8 @@ from eaves.figures.attributes import (
     surface_heights,
 )
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
-from eaves.reconstruct.toolkit.cell_labels import LARGEST, cell_costs, label_cells, plane_reach
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid, Values
+from eaves.reconstruct.toolkit.cell_labels import LARGEST, PlaneReach, cell_costs, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
@@ -30,7 +30,7 @@ from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_to
 from eaves.solids.coverage import Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import LOWEST_ROOF, extrude_plan, without_numbers
-from eaves.solids.half_edges import MOST_ROUNDS
+from eaves.solids.half_edges import MOST_ROUNDS, Integers
 
 
 class Arrangement(ObjectLimits):
@@ -132,29 +132,25 @@ class Arrangement(ObjectLimits):
         roof = points[top]
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
-        for fitted in (False, True):
-            plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
-            if plan is None:
-                reason = "the footprint encloses no area wider than 3 cm"
-                return Failure("no_area", reason, self.stage, footprint)
-            reach = plane_reach(roof, labels, coefficients, spacing, ground, self.farthest)
-            located = plan.cells_of(roof)
-            data = cell_costs(plan, reach, self, located)
-            if not fitted:
-                chosen = label_cells(plan, reach, self, data)
-                region, first = plan.regions(chosen)
-                known = np.vstack([coefficients[chosen[first]], coefficients[-1:]])
-                labels, coefficients = planes_of_regions(
-                    roof, located, region, known, 0.5 * self.residual_limit
-                )
+        cells = self.cells(footprint, roof, labels, coefficients, spacing, ground, emit)
+        if cells is None:
+            return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
+        plan, reach, located, data = cells
+        chosen = label_cells(plan, reach, self, data)
+        region, first = plan.regions(chosen)
+        of_regions = np.vstack([coefficients[chosen[first]], coefficients[-1:]])
+        fitted = planes_of_regions(roof, located, region, of_regions, 0.5 * self.residual_limit)
+        cells = self.cells(footprint, roof, *fitted, spacing, ground, emit)
+        if cells is not None:
+            (plan, reach, located, data), coefficients = cells, fitted[1]
         for _ in range(MOST_ROUNDS):
             chosen = label_cells(plan, reach, self, data)
             merged, names = plan.merged(chosen)
             towers = find_leaf_towers(merged, names, coefficients, points[inside], spacing, self)
-            cells = np.flatnonzero(towers[plan.regions(chosen)[0]])
-            if len(cells) == 0:
+            leafy = np.flatnonzero(towers[plan.regions(chosen)[0]])
+            if len(leafy) == 0:
                 break
-            data[cells, chosen[cells]] = LARGEST
+            data[leafy, chosen[leafy]] = LARGEST
         located = plan.cells_merged(chosen, located)
         chosen = names
         plan, chosen = settle_corners(
@@ -219,6 +215,26 @@ class Arrangement(ObjectLimits):
             facts["installation_count"] = len(objects)
             model = model.with_(installations=objects)
         return model.with_(attributes={**facts, **(self.flattened(roof, ground) or fallback)})
+
+    def cells(
+        self,
+        footprint: Footprint,
+        roof: Points,
+        labels: Labels,
+        planes: Values,
+        spacing: float,
+        ground: float,
+        emit: Emit,
+    ) -> tuple[Coverage, PlaneReach, tuple[Integers, Integers], Values] | None:
+        """The plan of the lines of planes (P, 3) with `labels` (N,) of the roof points (N, 3), where the
+        planes may be, the points with the cells they lie in, and what each plane costs each cell (C, P); None
+        for a footprint without an area."""
+        plan = self.cut(footprint, roof, labels, planes, spacing, emit)
+        if plan is None:
+            return None
+        reach = plane_reach(roof, labels, planes, spacing, ground, self.farthest)
+        located = plan.cells_of(roof)
+        return plan, reach, located, cell_costs(plan, reach, self, located)
 
     def cut(
         self,
