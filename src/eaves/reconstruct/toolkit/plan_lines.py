@@ -249,27 +249,25 @@ def step_lines(places: Values, normals: Values, spacing: float) -> list[Line]:
     width, gap = max(spacing, 0.25), max(2.5 * spacing, 0.8)
     offsets, along = normals @ places.T, normals @ np.vstack([places[:, 1], -places[:, 0]])
     order = np.argsort(offsets, axis=1, kind="stable")
-    rows = step_lines_kernel(offsets, along, order, width, gap)
+    rows = step_lines_kernel(np.take_along_axis(offsets, order, axis=1), along, order, width, gap)
     low, high, support = rows[:, 2:].T
     long = (support >= FEWEST_PLACES) & (high - low >= max(2.0 * spacing, 0.6))
     return [Line(*normals[int(direction)].tolist(), *line) for direction, *line in rows[long].tolist()]
 
 
 @kernel
-def step_lines_kernel(offsets: Values, along: Values, order: Integers, width: float, gap: float) -> Values:
+def step_lines_kernel(columns: Values, along: Values, order: Integers, width: float, gap: float) -> Values:
     """Direction, middle offset, ends and number of places of each stretch (L, 5) that `step_lines` tries.
 
-    The places have `offsets` (A, M) in each direction, in the `order` (A, M) in which they ascend, and lie so
-    far `along` (A, M) it.
+    `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; the places lie
+    so far `along` (A, M) it.
     """
-    columns, free, left = np.empty(offsets.shape), np.ones(order.shape[1], np.bool_), order.shape[1]
-    for number in range(len(order)):
-        columns[number] = offsets[number][order[number]]
-    rows, count = np.empty((left, 5)), 0
+    left, count = columns.shape[1], 0
+    free, rows = np.ones(left, np.bool_), np.empty((left, 5))
     while left >= FEWEST_PLACES:
         best, start, end = fullest_strip_kernel(columns, order, free, width)
-        strip = order[best, start:end]
-        strip = strip[free[strip]]
+        position = start + np.flatnonzero(free[order[best, start:end]])
+        strip = order[best][position]
         ways = along[best][strip]
         turn = np.argsort(ways, kind="mergesort")
         first, most, begin = 0, 0, 0
@@ -281,7 +279,7 @@ def step_lines_kernel(offsets: Values, along: Values, order: Integers, width: fl
         stretch = turn[first : first + most]
         free[strip[stretch]] = False
         left -= most
-        middle = np.median(offsets[best][strip[stretch]])
+        middle = np.median(columns[best][position[stretch]])
         rows[count] = (float(best), middle, ways[stretch[0]], ways[stretch[-1]], float(most))
         count += 1
     return rows[:count]
