@@ -21,6 +21,7 @@ from eaves.flow.exports import COPC, check_formats, classified_name, planned_nam
 from eaves.flow.refusals import (
     refuse_full_disk,
     refuse_no_classes,
+    refuse_no_fields,
     refuse_no_points,
     refuse_unknown_code,
 )
@@ -274,6 +275,7 @@ def plan_run(
         started=started,
     )
     refuse_unknown_code(run)
+    refuse_no_fields(run)
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
     if recipe.use_classes and not may_miss:

@@ -100,6 +100,12 @@ class Recipe:
         return max(self.ground.buffer, self.scene_buffer)
 
     @property
+    def needs(self) -> tuple[str, ...]:
+        """The fields of points that the methods need beside coordinates, returns and classes."""
+        detected = self.detect.needs if self.detect else ()
+        return tuple(sorted({*self.ground.needs, *detected}))
+
+    @property
     def sees_wide(self) -> bool:
         """True if points beyond a block's buffer are looked at to find wider objects."""
         return self.ground.wide_buffer > 0.0 and not self.use_classes
