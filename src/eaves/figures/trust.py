@@ -26,6 +26,9 @@ LEAST_LOSS = 0.7
 SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
 
+CELLS = "surface raster"
+"""Source of a base, where points are cells of a DSM."""
+
 
 def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
     """The traits (6,) that `WEIGHTS` weigh: 1, share of the roof points that are not near the roof,
@@ -99,6 +102,8 @@ def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:
     wall = row.get("wall_certainty")
     if wall is not None and wall < LOW:
         yield f"a party wall of certainty {wall:.2f}"
+    if row.get("ground_source") == CELLS:
+        yield "its points are cells of a raster, which shows no wall and nothing under trees"
     if row.get("ground_source") in SEEN_FROM_AFAR:
         far = row.get("ground_distance_m")
         base = "is interpolated" if far is None else f"is that of ground {far} m away"

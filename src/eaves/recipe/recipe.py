@@ -72,6 +72,8 @@ class Recipe:
         The limits of a wall seen under a roof, at LoD 2.3.
     smallest : (float, float)
         Area (m²) and height (m) under which what a detector finds is no building.
+    from_raster : bool
+        True if points are cells of a surface raster, which lowers the trust in every building.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class Recipe:
     others: bool = True
     overhangs: OverhangRules = OverhangRules()  # noqa: RUF009 (frozen)
     smallest: tuple[float, float] = (MIN_AREA_M2, MIN_HEIGHT_M)
+    from_raster: bool = False
 
     @property
     def buffer(self) -> float:
