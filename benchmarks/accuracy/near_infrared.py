@@ -62,7 +62,7 @@ def main() -> None:
                     "detector": words,
                 }
                 rows.append(row | {one: round(figures[one], 4) for one in COLUMNS} | {"found": run.found})
-    keep("near-infrared", "Near infrared, of coloured towns", rows, COMMAND, NOTE)
+    keep("near-infrared", "Near infrared", rows, COMMAND, NOTE)
 
 
 if __name__ == "__main__":

@@ -21,8 +21,8 @@ COLUMNS = ("area, completeness", "area, correctness", "area, quality")
 COMMAND = "python -m benchmarks.accuracy.surface_raster"
 NOTE = (
     "AHN3, and the dsm.tif (0.5 m) and dtm.tif that the first row wrote, against the map's polygons, which "
-    "are a part of the buildings: correctness is low in all rows. `same` are buildings that overlap one of the "
-    "points by more than half; heights and volumes are over theirs."
+    "are a part of the buildings: correctness is low in all rows. `same` are buildings that overlap one of "
+    "the points by more than half; heights and volumes are over theirs."
 )
 
 
@@ -72,7 +72,7 @@ def main() -> None:
             }
             row |= {one: round(figures[one], 4) for one in COLUMNS} | differences(summary.folder, points)
             rows.append(row | {level: summary.trust.get(level, 0) for level in ("high", "medium", "low")})
-    keep("surface-raster", "A DSM in place of points", rows, COMMAND, NOTE)
+    keep("surface-raster", "Surface rasters", rows, COMMAND, NOTE)
 
 
 if __name__ == "__main__":
