@@ -133,6 +133,9 @@ class Method(BaseModel):
     """One sentence for `eaves methods`."""
     paper: ClassVar[str] = ""
     """Key in references.bib."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Fields of the points, beside coordinates, returns and classes, that a ground filter or a detector finds
+    in `PointCloud.fields`; they are read for it alone."""
 
     def __init__(self, **parameters: Any) -> None:
         try:
@@ -374,6 +377,10 @@ def check_contract(stage: str, cls: type[Any]) -> None:
         raise ContractError(f"{words} does not define {' and '.join(missing)}; see {place}")
     if not isinstance(getattr(cls, "name", None), str):
         raise ContractError(f'{words} has no name; give its class one: name = "{cls.__name__.lower()}"')
+    if cls.needs and stage not in ("ground", "detect"):
+        raise ContractError(
+            f"{words} needs {', '.join(cls.needs)}, which only ground and detect methods are given"
+        )
     ours = REGISTRY[stage].get(cls.name)
     if ours is not None and _imported(ours) is not cls:
         raise ContractError(f"{words} has the name of another, '{cls.name}'; give it one of its own")

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 Inputs = Annotated[
     list[str],
     typer.Argument(
-        help="LAS, LAZ, COPC, text, PLY, E57 or VPC files, folders, globs or URLs.", metavar="INPUT…"
+        help="LAS, LAZ, COPC, text, PLY, E57 or VPC files, folders, globs or URLs; or a DSM (GeoTIFF).",
+        metavar="INPUT…",
     ),
 ]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Path of the output.", rich_help_panel="output")]

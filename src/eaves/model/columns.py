@@ -40,7 +40,10 @@ COLUMNS: dict[str, Column] = {
     "roof_type": Column("Roof type", "", "flat, shed, gable, hip, pyramid or complex", str),
     "h_ground": Column("Ground above the datum", "m", "5th percentile of the terrain on the outline"),
     "ground_source": Column(
-        "Source of the base", "", "measured within 2 m of the outline, interpolated, or nearest ground", str
+        "Source of the base",
+        "",
+        "measured within 2 m of the outline, interpolated, nearest ground, or surface raster",
+        str,
     ),
     "ground_distance_m": Column("Distance of the ground", "m", "the base is from, where none is near"),
     "h_eaves": Column("Eaves above the datum", "m", "lowest corner of the main roof faces"),
