@@ -8,6 +8,7 @@ with default, sentence, unit, range and the paper's symbol. In Python one writes
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -143,7 +144,9 @@ class Method(BaseModel):
         method = f"{cls.stage} method '{cls.name}'"
         if first["type"] == "extra_forbidden":
             known = ", ".join(cls.model_fields) or "none"
-            return f"unknown parameter '{parameter}' of {method}; it has: {known}"
+            near = get_close_matches(parameter, cls.model_fields, 1)
+            hint = f"did you mean '{near[0]}'? It has" if near else "it has"
+            return f"unknown parameter '{parameter}' of {method}; {hint}: {known}"
         rule = first["msg"][:1].lower() + first["msg"][1:]
         remedy = f"see `eaves methods {cls.stage}`"
         return f"parameter '{parameter}' of {method}: {rule}, not {first['input']!r}; {remedy}"

@@ -11,7 +11,7 @@ import laspy
 import numpy as np
 
 from eaves.formats.atomic import atomic
-from eaves.formats.errors import InputError
+from eaves.formats.errors import INSTALL, InputError
 
 STEP = 0.001
 """Resolution of the coordinates (units of the file)."""
@@ -77,7 +77,7 @@ def convert(path: Path, folder: Path) -> Path:
         xyz = np.column_stack([np.asarray(columns[axis], np.float64) for axis in "xyz"])
     except ModuleNotFoundError:
         raise InputError.about(
-            path, f"is {extra.upper()}, which an extra reads", f"pip install 'eaves[{extra}]'"
+            path, f"is {extra.upper()}, which an extra reads", INSTALL.format(extra)
         ) from None
     except OSError as error:
         raise InputError.about(

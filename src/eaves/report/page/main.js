@@ -287,6 +287,7 @@ class Viewer {
     const row = this.all[number], spot = this.spots[number];
     this.look.chosen = spot ? number + 1 : 0;
     byId('building').hidden = !row;
+    byId('hint').hidden = !!row;
     this.verdicts.choose(row);
     byId('find').value = row ? row.id : '';
     document.documentElement.dataset.chosen = row ? row.id : '';
