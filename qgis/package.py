@@ -63,6 +63,7 @@ LEFT_OUT = {
     "quiet",
     "verbose",
     "settings",
+    "methods",
     "scheduler",
     "resume",
     "strict",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from eaves.formats import read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from tests.cli.test_commands import eaves
 from tests.conftest import write_laz
-from tests.test_documentation import PAGES, commands_of
+from tests.test_documentation import DOCS, PAGES, commands_of
 
 OREGON_FEET = "EPSG:2994"
 OREGON = np.array([636000.0, 849000.0, 400.0])
@@ -38,6 +39,12 @@ def write_part(path: Path, file: Path, east: bool | None, raised: float = 0.0) -
     write_laz(path, xyz[keep] + [0.0, 0.0, raised])
 
 
+def write_methods(path: Path) -> None:
+    """The file that the page *Your own method* makes of its blocks."""
+    text = (DOCS / "guides" / "own_method.md").read_text(encoding="utf-8")
+    path.write_text("\n\n".join(re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)))
+
+
 def write_weather(path: Path) -> None:
     """A year with light from nine to five."""
     lines = ["LOCATION,Delft,ZH,NLD,IWEC,062400,52.0,4.4,1.0,0.0", *["x"] * 7]
@@ -54,6 +61,7 @@ def inputs(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     """Every file that the pages name."""
     folder = tmp_path_factory.mktemp("inputs")
     shutil.copy(nine_roofs_file, folder / "tile.laz")
+    write_methods(folder / "my_methods.py")
     for name in ("tiles", "ahn3", "ahn5"):
         for east in (False, True):
             write_part(folder / name / f"{'east' if east else 'west'}.laz", nine_roofs_file, east)

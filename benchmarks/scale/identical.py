@@ -82,8 +82,8 @@ def point_table(path: Path) -> np.ndarray:
 
 
 @contextmanager
-def cluster() -> Iterator[tuple[str, *tuple[subprocess.Popen[bytes], ...]]]:
-    """A Dask scheduler and two workers as processes on loopback: its address, and the three."""
+def cluster(workers: int = 2) -> Iterator[tuple[str, *tuple[subprocess.Popen[bytes], ...]]]:
+    """A Dask scheduler and its workers as processes on loopback: its address, and all of them."""
     address = f"tcp://127.0.0.1:{SCHEDULER_PORT}"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--no-dashboard"]
@@ -91,7 +91,7 @@ def cluster() -> Iterator[tuple[str, *tuple[subprocess.Popen[bytes], ...]]]:
     worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--host", "127.0.0.1"]
     started += [
         subprocess.Popen([*worker, "--nthreads", "1", "--no-nanny", "--no-dashboard"], **quiet)
-        for _ in range(2)
+        for _ in range(workers)
     ]
     try:
         yield address, *started

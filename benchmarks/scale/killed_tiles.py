@@ -1,100 +1,129 @@
-"""A drawn town in a hundred files, built by tiles, killed twice and resumed: is anything twice, or missing?
+"""A hundred tiles of a drawn town, killed twice and resumed, and on Dask: is anything twice, or missing?
 
-The town lies across the corner of four tiles of a run. Held against it are the same command undisturbed, byte
-by byte (`faults.contents`), and the town built in one piece, by the digest of `identical`.
+A small town lies across the corner of four tiles of a run, in a file for each; it is repeated in as many
+tiles as are asked for. Held against the same command undisturbed are, byte by byte (`faults.contents`), the
+run that is killed twice and resumed, and the run of a Dask cluster of four workers; against the town built in
+one piece its models (`identical.digest`). The memory is that of the largest process, of few and of all tiles.
 
-usage: python -m benchmarks.scale.killed_tiles [FOLDER]
+usage: python -m benchmarks.scale.killed_tiles [--copies N ...] [--folder FOLDER]
 """
 
 from __future__ import annotations
 
+import argparse
 import json
-import resource
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 import laspy
 import numpy as np
 
 from benchmarks.scale.faults import contents
-from benchmarks.scale.identical import digest, write_part
+from benchmarks.scale.identical import cluster, digest, write_part
 from benchmarks.survey_variants import survey_of
 from benchmarks.table import as_markdown
 from eaves.model import BLOCK_SIDE
 from eaves.simulate import scan_town, simulate_town
 
-AREA_KM2, DENSITY, NOISE, SEED = 0.5, 3.0, 0.03, 9401
-FILES_A_SIDE = 10
-CORNER_M = np.array([16.0 * BLOCK_SIDE * 125, 16.0 * BLOCK_SIDE * 1500])
-"""Of four tiles of a run."""
+AREA_KM2, DENSITY, NOISE, SEED = 0.03, 3.0, 0.03, 9401
+TILE_M = 16.0 * BLOCK_SIDE
+CORNER = np.array([30, 1400])
+"""Of four tiles of a run: its column and row, for the first town."""
+TOWNS_A_ROW = 5
 KILLED_AT = (0.35, 0.5)
 """Shares of the time of the undisturbed run after which it, and the one that resumes it, are killed."""
+DASK_WORKERS = 4
 
 
-def write_town(place: Path) -> int:
-    """Write the town in files of one size each; how many."""
-    scene = scan_town(simulate_town(AREA_KM2, style="mixed", seed=SEED), DENSITY, NOISE, seed=SEED)
-    survey = survey_of("town", scene)
-    middle = 0.5 * (survey.xyz[:, :2].min(axis=0) + survey.xyz[:, :2].max(axis=0))
-    survey = replace(survey, xyz=survey.xyz + [*(CORNER_M - np.round(middle)), 0.0])
+def write_towns(place: Path, copies: int) -> None:
+    """Write the town so many times, each with its corner two tiles from the next."""
     place.mkdir(parents=True)
-    survey.write(place / "whole.laz")
-    las = laspy.read(place / "whole.laz")
-    (place / "whole.laz").unlink()
-    xy = np.column_stack([las.x, las.y])
-    low, high = xy.min(axis=0), xy.max(axis=0) + 0.01
-    square = ((xy - low) / (high - low) * FILES_A_SIDE).astype(int)
-    for column in range(FILES_A_SIDE):
-        for row in range(FILES_A_SIDE):
-            write_part(las, (square == [column, row]).all(axis=1), place / f"{column}_{row}.laz")
-    return len(list(place.iterdir()))
+    scene = scan_town(simulate_town(AREA_KM2, style="mixed", seed=SEED), DENSITY, NOISE, seed=SEED)
+    survey_of("town", scene).write(place / "town.laz")
+    las = laspy.read(place / "town.laz")
+    (place / "town.laz").unlink()
+    las.header.vlrs.clear()  # copies beside each other have no place on Earth
+    middle = np.round(np.array([np.mean(las.x), np.mean(las.y)]))
+    xy = np.column_stack([las.x, las.y]) - middle
+    offset = las.header.offsets[:2].copy()
+    for copy in range(copies):
+        corner = (CORNER + [copy % TOWNS_A_ROW * 2, copy // TOWNS_A_ROW * 2]) * TILE_M
+        las.points.offsets[:2] = las.header.offsets[:2] = offset + corner - middle
+        for quarter in range(4):
+            east, north = quarter % 2, quarter // 2
+            here = ((xy >= 0.0) == [east, north]).all(axis=1)
+            write_part(las, here, place / f"{copy}_{quarter}.laz")
 
 
 def start(tiles: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
     """A run of the command."""
-    command = [sys.executable, "-m", "eaves", "build", str(tiles), "-o", str(out), "--quiet", "--jobs", "2"]
+    command = [sys.executable, "-m", "eaves", "build", str(tiles), "-o", str(out), "--quiet"]
     return subprocess.Popen([*command, *options], start_new_session=True)
 
 
-def main(place: Path) -> None:
-    """Build, kill, resume and compare."""
-    files = write_town(place / "tiles")
+def build(place: Path, copies: int) -> dict[str, object]:
+    """The undisturbed run of so many towns, in `place`."""
+    write_towns(place / "tiles", copies)
     began = time.perf_counter()
-    status = start(place / "tiles", place / "right", "--per-tile").wait()
-    seconds = time.perf_counter() - began
-    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    status = start(place / "tiles", place / "right", "--per-tile", "--jobs", "2").wait()
+    run = json.loads((place / "right" / "run.json").read_text(encoding="utf-8"))
+    return {
+        "tiles": len(list((place / "right" / "tiles").iterdir())),
+        "points": run["points"],
+        "buildings": run["found"],
+        "status": status,
+        "undisturbed (s)": round(time.perf_counter() - began),
+        "largest process (MB)": run["peak_memory_mb"],
+    }
+
+
+def differing(right: Path, other: Path) -> str:
+    """Number of the files of two runs that are not the same bytes, of how many."""
+    ours, theirs = contents(right), contents(other)
+    return f"{sum(ours.get(name) != theirs.get(name) for name in ours | theirs)} of {len(ours)}"
+
+
+def disturb(place: Path, seconds: float) -> dict[str, object]:
+    """Kill the run twice, resume it; build on Dask, and in one piece; what differs."""
+    tiles, right = place / "tiles", place / "right"
     for share in KILLED_AT:
-        process = start(place / "tiles", place / "killed", "--per-tile", "--resume")
+        process = start(tiles, place / "killed", "--per-tile", "--resume", "--jobs", "2")
         time.sleep(share * seconds)
         subprocess.run(["pkill", "-9", "-s", str(process.pid)], check=False)
         assert process.wait() == -signal.SIGKILL, "it had ended before it was killed"
-    resumed = start(place / "tiles", place / "killed", "--per-tile", "--resume").wait()
-    whole = start(place / "tiles", place / "whole").wait()
-    right, killed = contents(place / "right"), contents(place / "killed")
-    run = json.loads((place / "killed" / "run.json").read_text(encoding="utf-8"))
-    same = digest(place / "killed")[0] == digest(place / "whole")[0]
-    row = {
-        "files": files,
-        "points": run["points"],
-        "buildings": run["found"],
-        "statuses": f"{status}, {resumed}, {whole}",
-        "files written": len(right),
-        "of other bytes": sum(right.get(name) != killed.get(name) for name in right | killed),
-        "models as in one piece": same,
-        "undisturbed (s)": round(seconds),
-        "largest process (MB)": round(memory),
+    resumed = start(tiles, place / "killed", "--per-tile", "--resume", "--jobs", "2").wait()
+    with cluster(DASK_WORKERS) as (address, *_):
+        dask = start(tiles, place / "dask", "--per-tile", "--scheduler", address).wait()
+        clustered = start(tiles, place / "dask-whole", "--scheduler", address).wait()
+    whole = start(tiles, place / "whole", "--jobs", "2").wait()
+    return {
+        "statuses": f"{resumed}, {dask}, {clustered}, {whole}",
+        "other bytes, killed and resumed": differing(right, place / "killed"),
+        "other bytes, Dask": differing(right, place / "dask"),
+        "other bytes, Dask in one piece": differing(place / "whole", place / "dask-whole"),
+        "models as in one piece": digest(right)[0] == digest(place / "whole")[0],
     }
-    print(as_markdown([row]))
+
+
+def main(place: Path, copies: Sequence[int]) -> None:
+    """Build few towns, then all of them; disturb the last."""
+    rows = [build(place / str(count), count) for count in copies]
+    print(as_markdown(rows), flush=True)
+    print(as_markdown([disturb(place / str(copies[-1]), float(str(rows[-1]["undisturbed (s)"])))]))
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        main(Path(sys.argv[1]))
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            main(Path(folder))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--copies", type=int, nargs="+", default=[1, 6, 25])
+    parser.add_argument("--folder", type=Path)
+    asked = parser.parse_args()
+    given = asked.folder or Path(tempfile.mkdtemp())
+    main(given, asked.copies)
+    if asked.folder is None:
+        shutil.rmtree(given)

@@ -143,7 +143,9 @@ def hurt_json(data: bytes, chance: random.Random) -> bytes:
     number = 0 if chance.random() < 0.3 else chance.randrange(len(lines))
     document, later = json.loads(lines[number]), []
     for _ in range(chance.choice((1, 1, 2, 3))):
-        places = list(walk(document))
+        places = walk(document)
+        if not places:  # an earlier act emptied it
+            break
         holder, key = chance.choice(by_depth(places, chance))
         value = strange_value(holder[key], document, chance)
         if value == LATER:

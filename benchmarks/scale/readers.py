@@ -1,7 +1,7 @@
 """Every reader of foreign data is given mutated files, in a process of bounded memory, for so many seconds.
 
 The property: a reader answers or raises InputError or ValueError of one line; nothing else, in less than ten
-seconds, and without more memory than its whole file needs a hundred times over.
+seconds of the processor, and without more memory than its whole file needs a hundred times over.
 
 usage: python -m benchmarks.scale.readers [--seconds S] [--seed N] [--reader WORD]
 """
@@ -131,7 +131,7 @@ def try_reader(place: Path, title: str, seconds: float, seed: int, answers: Queu
     warnings.simplefilter("ignore")
     reader = make_readers(place)[title]
     limit_memory(ROOM)
-    signal.signal(signal.SIGALRM, give_up)
+    signal.signal(signal.SIGPROF, give_up)
     chance, end = random.Random(seed), time.monotonic() + seconds
     counts, faults = Counter[str](), dict[str, str]()
     data, last_place = reader.whole.read_bytes(), Path(save(b"", Path(f"last-{reader.whole.name}")))
@@ -141,7 +141,7 @@ def try_reader(place: Path, title: str, seconds: float, seed: int, answers: Queu
             hurt = reader.mutate(data, chance)
             path.write_bytes(hurt)
             last_place.write_bytes(hurt)
-            signal.alarm(LONGEST)
+            signal.setitimer(signal.ITIMER_PROF, LONGEST)
             try:
                 reader.read(path)
                 counts["read"] += 1
@@ -154,13 +154,13 @@ def try_reader(place: Path, title: str, seconds: float, seed: int, answers: Queu
                 last = traceback.extract_tb(error.__traceback__)[-1]
                 told = f"{type(error).__name__} in {last.name}: {error}"[:300]
                 faults.setdefault(told, save(hurt, path))
-            signal.alarm(0)
+            signal.setitimer(signal.ITIMER_PROF, 0)
     answers.put((dict(counts), faults))
 
 
 def give_up(number: int, frame: object) -> None:
     """End what takes too long."""
-    raise TimeoutError("took longer than ten seconds")
+    raise TimeoutError("took more than ten seconds of the processor")
 
 
 def save(data: bytes, path: Path) -> str:

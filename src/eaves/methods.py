@@ -7,15 +7,20 @@ with default, sentence, unit, range and the paper's symbol. In Python one writes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from eaves.model.checks import describe
 
 Emit = Callable[[str, Any], None]
 """Receives every named intermediate of a method: `emit("seed points", xyz)`."""
@@ -125,9 +130,9 @@ class Method(BaseModel):
 
     stage: ClassVar[str]
     name: ClassVar[str]
-    idea: ClassVar[str]
+    idea: ClassVar[str] = ""
     """One sentence for `eaves methods`."""
-    paper: ClassVar[str]
+    paper: ClassVar[str] = ""
     """Key in references.bib."""
 
     def __init__(self, **parameters: Any) -> None:
@@ -240,16 +245,229 @@ REGISTRY: dict[str, dict[str, str]] = {
 }
 """Stage → name → where the class is. A new method is one line here and one file there."""
 
+CONTRACTS: dict[str, tuple[str, ...]] = {
+    "ground": ("eaves.ground:GroundMethod", "ground_mask"),
+    "detect": ("eaves.detect:Detector", "label"),
+    "outline": ("eaves.outline:OutlineMethod", "trace", "regularise"),
+    "units": ("eaves.units:UnitMethod", "divide"),
+    "roof": ("eaves.roof:RoofMethod", "planes"),
+    "reconstruct": ("eaves.reconstruct:Reconstructor", "model"),
+}
+"""Stage → where its contract is, and the functions that a method must define."""
+GROUP = "eaves.methods"
+"""The group of entry points by which installed packages bring methods, each as `stage.name`."""
+
+
+class ContractError(TypeError):
+    """What a method is, or returned, is not what the contract of its stage allows.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.methods import ContractError, resolve_method
+    >>> class Nameless(eaves.Detector):
+    ...     def label(self, scene, emit):
+    ...         return eaves.Regions(scene.height > 2.0)
+    >>> try:
+    ...     resolve_method("detect", Nameless())
+    ... except ContractError as error:
+    ...     print(error)
+    detect method Nameless has no name; give its class one: name = "nameless"
+    """
+
+
+@contextmanager
+def naming(method: Method) -> Iterator[None]:
+    """A context in which an exception gets a note that names the method whose function is called.
+
+    Parameters
+    ----------
+    method : Method
+        The method.
+
+    Returns
+    -------
+    context manager
+        The exception goes on as it is, with one more of its `__notes__`.
+
+    Raises
+    ------
+    Exception
+        What the method raises.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.methods import naming
+    >>> try:
+    ...     with naming(eaves.Consensus()):
+    ...         1 / 0
+    ... except ZeroDivisionError as error:
+    ...     error.__notes__
+    ["detect method 'consensus'"]
+    """
+    try:
+        yield
+    except Exception as error:
+        error.add_note(f"{method.stage} method '{method.name}'")
+        raise
+
+
+def check_returned(method: Method, held: bool, rule: str, value: Any) -> None:
+    """Raise when what a method returned is not what its contract says.
+
+    Parameters
+    ----------
+    method : Method
+        The method.
+    held : bool
+        True if the contract is held.
+    rule : str
+        What the contract says is returned.
+    value : object
+        What was.
+
+    Raises
+    ------
+    ContractError
+        One line with the method, the rule, the value and the place of the contract.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.methods import check_returned
+    >>> check_returned(eaves.Consensus(), True, "Regions", None)
+    """
+    if not held:
+        contract = CONTRACTS[method.stage][0].replace(":", ".")
+        raise ContractError(
+            f"{method.stage} method '{method.name}' must return {rule}, not {describe(value)}; see {contract}"
+        )
+
+
+@cache
+def check_contract(stage: str, cls: type[Any]) -> None:
+    """Raise when a class is no method of a stage.
+
+    Parameters
+    ----------
+    stage : str
+        `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
+    cls : type
+        The class.
+
+    Raises
+    ------
+    ContractError
+        When it is not of the stage's contract, leaves a function of that out, or has no name of its own.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.methods import check_contract
+    >>> check_contract("detect", eaves.Consensus)
+    """
+    place, *functions = CONTRACTS[stage]
+    contract = _imported(place)
+    words = f"{stage} method {getattr(cls, '__qualname__', cls)}"
+    if not (isinstance(cls, type) and issubclass(cls, contract)):
+        raise ContractError(f"{words} must be a subclass of {contract.__name__}; see {place}")
+    missing = [name for name in functions if getattr(cls, name) is getattr(contract, name)]
+    if missing:
+        raise ContractError(f"{words} does not define {' and '.join(missing)}; see {place}")
+    if not isinstance(getattr(cls, "name", None), str):
+        raise ContractError(f'{words} has no name; give its class one: name = "{cls.__name__.lower()}"')
+    ours = REGISTRY[stage].get(cls.name)
+    if ours is not None and _imported(ours) is not cls:
+        raise ContractError(f"{words} has the name of another, '{cls.name}'; give it one of its own")
+
+
+def _imported(place: str) -> Any:
+    """The object at `module:name`; a ValueError of one line where it cannot be imported."""
+    module, _, name = place.partition(":")
+    try:
+        return getattr(import_module(module), name)
+    except Exception as error:  # whatever a module raises as it is imported
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(
+            f"{place!r} cannot be imported ({reason}); write module:Class of a module on Python's path"
+        ) from error
+
+
+def installed_methods(stage: str) -> dict[str, str]:
+    """The methods of a stage that installed packages bring, by the entry points of the group `eaves.methods`.
+
+    Parameters
+    ----------
+    stage : str
+        `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
+
+    Returns
+    -------
+    dict of str to str
+        Name → `module:Class`; nothing is imported.
+
+    Raises
+    ------
+    ValueError
+        When two packages bring methods of one name.
+
+    Examples
+    --------
+    >>> from eaves.methods import installed_methods
+    >>> sorted(installed_methods("roof"))
+    []
+    """
+    found: dict[str, str] = {}
+    for point in entry_points(group=GROUP):
+        of, _, name = point.name.partition(".")
+        if of == stage and found.setdefault(name, point.value) != point.value:
+            raise ValueError(
+                f"{stage} method {name!r} is in two packages, as {found[name]} and {point.value}; "
+                "write module:Class, or uninstall one"
+            )
+    return found
+
+
+def name_of(method: Method) -> str:
+    """The name by which a method can be made again: ours, or `module:Class`.
+
+    Parameters
+    ----------
+    method : Method
+        The method.
+
+    Returns
+    -------
+    str
+        What `make_method` takes.
+
+    Raises
+    ------
+    AttributeError
+        When it has no name.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.methods import name_of
+    >>> name_of(eaves.Consensus())
+    'consensus'
+    """
+    cls = type(method)
+    return method.name if method.name in REGISTRY[method.stage] else f"{cls.__module__}:{cls.__qualname__}"
+
 
 def method_class(stage: str, name: str) -> type[Method]:
-    """The class registered under a name.
+    """The class of a method of a stage by its name.
 
     Parameters
     ----------
     stage : str
         `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
     name : str
-        A name in `REGISTRY[stage]`.
+        A name in `REGISTRY[stage]`, that of an installed method (`installed_methods`), or `module:Class`,
+        which is imported.
 
     Returns
     -------
@@ -259,7 +477,10 @@ def method_class(stage: str, name: str) -> type[Method]:
     Raises
     ------
     ValueError
-        When there is no such stage or name; the message lists those that exist.
+        When there is no such stage or name, where the message lists those that exist, or the class cannot be
+        imported.
+    ContractError
+        When the class is no method of the stage.
 
     Examples
     --------
@@ -267,12 +488,15 @@ def method_class(stage: str, name: str) -> type[Method]:
     >>> method_class("ground", "adaptive_tin").__name__
     'AdaptiveTin'
     """
-    try:
-        module, attribute = REGISTRY[stage][name].split(":")
-    except KeyError:
-        known = ", ".join(REGISTRY.get(stage, REGISTRY))
-        raise ValueError(f"unknown {stage} method {name!r}; choose one of: {known}") from None
-    found: type[Method] = getattr(import_module(module), attribute)
+    known = REGISTRY.get(stage)
+    if known is None:
+        raise ValueError(f"unknown stage {stage!r}; choose one of: {', '.join(REGISTRY)}")
+    place = known.get(name) or (name if ":" in name else installed_methods(stage).get(name))
+    if place is None:
+        names = ", ".join({**known, **installed_methods(stage)})
+        raise ValueError(f"unknown {stage} method {name!r}; choose one of: {names}")
+    found: type[Method] = _imported(place)
+    check_contract(stage, found)
     return found
 
 
@@ -289,7 +513,7 @@ def make_method(
     stage : str
         `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
     name : str or None
-        A name in `REGISTRY[stage]`; None is the stage's default.
+        A name that `method_class` takes; None is the stage's default.
     parameters : dict or None
         Values by parameter name; the others keep their defaults.
     published : bool or str
@@ -352,10 +576,10 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool | str = Fal
     'tin_faces'
     """
     if isinstance(choice, Method):
-        if choice.stage != stage:
-            raise TypeError(
-                f"{type(choice).__name__} is a {choice.stage} method, and a {stage} method is wanted"
-            )
+        of = getattr(choice, "stage", stage)
+        if of != stage:
+            raise TypeError(f"{type(choice).__name__} is a {of} method, and a {stage} method is wanted")
+        check_contract(stage, type(choice))
         return choice
     if choice is None or isinstance(choice, str):
         return make_method(stage, choice, None, published)

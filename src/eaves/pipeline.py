@@ -26,7 +26,7 @@ from eaves.flow.collisions import edits_and_work
 from eaves.flow.outputs import begin_writing, finished_models, write_outputs
 from eaves.flow.region import Core, Region, TooNarrowError
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
-from eaves.formats.atomic import DiskFullError, report_full_disk
+from eaves.formats.atomic import DiskFullError, clear_leftovers, report_full_disk
 from eaves.model import Block, BuildingModel, CoordinateSystem, Failure
 from eaves.model.provenance import Provenance
 from eaves.model.summary import IncompleteRunError, Summary
@@ -205,6 +205,8 @@ def end_run(run: Run, summary: Summary) -> None:
     """Say that all files of the run are there; a run that writes one file alone leaves no list of them."""
     if run.classified is None:
         end_manifest(run.folder, summary.files, summary.complete)
+    else:
+        clear_leftovers(summary.files)
 
 
 def build_region(

@@ -90,4 +90,4 @@ def test_summary_of_a_build_counts_buildings() -> None:
     trust = {"high": 1, "low": 1}
     summary = Summary(Path("out"), 10, 2, 1, {"2.2": 1}, {"no_plane": 1}, {}, {}, 1.0, (), trust=trust)
     assert "2 buildings found = 1 modelled + 1 failed" in summary.as_text()
-    assert "2 buildings: 1 high, 0 medium, 1 to review" in summary.as_text().splitlines()
+    assert "2 buildings: trust high 1, medium 0, low 1" in summary.as_text().splitlines()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -107,6 +108,14 @@ def no_point(place: Place) -> Done:
     return place.run(place.cloud(np.zeros((0, 3))))
 
 
+@case("server that gives no answer")
+def no_server(place: Place) -> Done:
+    with socket.socket() as port:
+        port.bind(("127.0.0.1", 0))  # and does not listen
+        address = f"http://127.0.0.1:{port.getsockname()[1]}/a.laz"
+        return eaves("build", address, "-o", place.out, *SMALL, *place.more)
+
+
 @case("disk too small for the points")
 def small_disk(place: Place) -> Done:
     place.patch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=100_000))
@@ -116,6 +125,12 @@ def small_disk(place: Place) -> Done:
 @case("memory too small for a process")
 def small_memory(place: Place) -> Done:
     return place.build("--memory", "1M")
+
+
+@case("memory too small for a file as COPC")
+def small_memory_for_copc(place: Place) -> Done:
+    place.patch.setattr("os.sysconf", lambda name: 1000, raising=False)  # of 1000 pages of 1000 bytes
+    return place.run(place.points, "--formats", "copc")
 
 
 @case("option of a map without one")
@@ -244,3 +259,12 @@ def test_a_dry_run_says_the_same(row: list[str], place: Place) -> None:
     place.more = ("--dry-run",)
     done = CASES[row[0]](place)
     assert done.returncode == 2 and row[1].strip("`") in done.stderr, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("more", [(), ("--dry-run",)])
+def test_an_expected_lack_of_memory_is_a_warning(more: tuple[str, ...], place: Place) -> None:
+    flat = np.random.default_rng(0).random((4000, 3)) * [5, 5, 0.02] + [85000, 447000, 1]
+    done = place.run(place.cloud(flat), *SMALL, "--memory", "1G", *more)
+    assert done.returncode == 0, done.stderr
+    told = [line for line in done.stderr.splitlines() if "MB each, more than --memory 1G; give" in line]
+    assert len(told) == 1, done.stderr

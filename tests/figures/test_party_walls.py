@@ -66,7 +66,7 @@ def test_free_walls_are_known_by_the_way_they_look() -> None:
 
 def test_floors_and_envelope_are_those_of_the_box__storeys_of_the_map_go_first() -> None:
     walls = wall_figures(Walls.of(block(0, 0, 10, 6, 5.0)), [])
-    known = {"storeysAboveGround": 2, "roof_area_m2": 60.0, "volume_m3": 300.0}
+    known = {"storeysAboveGround": 2, "floor_area_m2": 120.0, "roof_area_m2": 60.0, "volume_m3": 300.0}
     figures = envelope_figures(walls, known, 60.0)
     assert (figures["floor_area_m2"], figures["envelope_m2"]) == (120.0, 280.0)
     assert figures["envelope_per_volume"] == pytest.approx(280.0 / 300.0, abs=1e-3)

@@ -8,8 +8,9 @@ import shapely
 
 from eaves import reconstruct_building, segment_roof
 from eaves.figures.attributes import grade_faces, supported_share
-from eaves.figures.roof_figures import ridge_direction, roof_figures, roof_type
+from eaves.figures.roof_figures import ridge_direction, roof_figures, roof_type, storey_figures
 from eaves.figures.trust import judge
+from eaves.geometry.face_table import FaceTable
 from eaves.model import BuildingModel, Footprint
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.simulate.objects.exact import ExactBuilding
@@ -63,21 +64,53 @@ def test_figures_of_a_gable_beside_a_low_annex() -> None:
     faces = [face(50, 45, 0.0, 6.0, 11.0), face(50, 45, 180.0, 6.0, 11.0), face(14, 0, None, 3.0, 3.0)]
     figures = roof_figures(faces, 0.0)
     assert figures["h_eaves"] == 6.0 and figures["h_ridge"] == 11.0 and figures["measuredHeight"] == 11.0
-    assert figures["storeysAboveGround"] == 2 and figures["roofType"] == "1030"
+    assert figures["roofType"] == "1030"
     assert figures["ridge_direction_deg"] == 90.0 and figures["roof_slope_deg"] == 45.0
     assert figures["roof_area_n_m2"] == pytest.approx(50 * np.sqrt(2))
     assert figures["roof_area_flat_m2"] == 14.0
 
 
-@pytest.mark.parametrize(("low", "eaves", "storeys"), [(442.0, 3.3, 1), (200.0, 11.5, 3)])
-def test_area_decides_of_a_stepped_building__and_no_storey_is_low(
-    low: float, eaves: float, storeys: int
-) -> None:
-    faces = [face(low, 0, None, 3.3, 3.3), face(232, 0, None, 11.5, 11.5)]
-    mean = (low * 3.3 + 232 * 11.5) / (low + 232)
-    figures = roof_figures(faces, 0.0, mean_height=mean)
-    assert (figures["h_eaves"], figures["storeysAboveGround"]) == (eaves, storeys)
+@pytest.mark.parametrize(("low", "eaves"), [(442.0, 3.3), (200.0, 11.5)])
+def test_area_decides_of_a_stepped_building(low: float, eaves: float) -> None:
+    figures = roof_figures([face(low, 0, None, 3.3, 3.3), face(232, 0, None, 11.5, 11.5)], 0.0)
+    assert figures["h_eaves"] == eaves
     assert figures["h_ridge"] == figures["h_max"] == 11.5
+
+
+def box(
+    east: float, depth: float, top: float, west: float = 0.0, bottom: float = 0.0
+) -> list[list[np.ndarray]]:
+    """The faces of a box whose south-west corner lies at x = `west`, y = 0."""
+    base = np.array([[west, 0.0], [east, 0.0], [east, depth], [west, depth]])
+    low, high = (np.column_stack([base, np.full(4, height)]) for height in (bottom, top))
+    sides = [np.array([low[k], low[k - 3], high[k - 3], high[k]]) for k in range(4)]
+    return [[low[::-1]], [high], *([side] for side in sides)]
+
+
+def test_each_part_has_its_own_storeys() -> None:
+    # a hall of 3.3 m with a block of 11.5 m beside it, 442 and 232 m²
+    solids = FaceTable.of(box(44.2, 10, 3.3) + box(67.4, 10, 11.5, west=44.2))
+    figures = storey_figures(solids, 0.0)
+    assert (figures["storeysAboveGround"], figures["floor_area_m2"]) == (1, pytest.approx(442 + 4 * 232))
+
+
+def test_no_floor_lies_in_a_passage() -> None:
+    # a block of three storeys whose eastern half stands over a passage of 4 m
+    solids = FaceTable.of(box(10, 10, 9.0) + box(20, 10, 9.0, west=10.0, bottom=4.0))
+    figures = storey_figures(solids, 0.0)
+    assert (figures["storeysAboveGround"], figures["floor_area_m2"]) == (3, pytest.approx(500.0))
+
+
+def test_a_low_shed_has_a_floor() -> None:
+    figures = storey_figures(FaceTable.of(box(4, 3, 1.2)), 0.0)
+    assert (figures["storeysAboveGround"], figures["floor_area_m2"]) == (1, pytest.approx(12.0))
+
+
+def test_of_an_attic_counts_where_a_person_can_stand() -> None:
+    # eaves at 5 m, slope .8 over a depth of 9 m: at 7.3 m the plan is 2 (9 / 2 - 2.3 / .8) m deep
+    told = modelled(gable(14, 9, 0.8))
+    assert told["storeysAboveGround"] == 2
+    assert told["floor_area_m2"] == pytest.approx(2 * 14 * 9 + 14 * 2 * (4.5 - 2.3 / 0.8), rel=0.02)
 
 
 def test_the_ridge_direction_does_not_depend_on_which_side_is_named_first() -> None:

@@ -104,9 +104,25 @@ def test_edits_are_carried_to_a_new_build__and_those_without_a_building_are_name
     assert (out / "before-1" / "edits.gpkg").exists() and not (out / "edits.gpkg").exists()
 
 
-def test_a_column_that_a_person_added_stays(nine_roofs_file: Path, out: Path) -> None:
-    execute(out / "footprints.gpkg", "ALTER TABLE footprints ADD COLUMN mine TEXT")
-    with pytest.raises(InputError, match=r"footprints.gpkg: was changed since a run wrote it"):
+CHANGES = {
+    "ALTER TABLE footprints ADD COLUMN mine TEXT": "footprints.mine is new",
+    "ALTER TABLE footprints DROP COLUMN lod": "footprints.lod is gone",
+    "CREATE TABLE notes (mine TEXT)": "notes is new",
+    "DROP TABLE attributes": "attributes is gone",
+    "DELETE FROM footprints WHERE fid = 9": "footprints has 8 rows, not 9",
+    "UPDATE layer_styles SET styleQML = 'mine' WHERE id = 2": "layer_styles.styleQML has other values",
+    "UPDATE attributes SET roofType = 'mine' WHERE fid = 9": "attributes.roofType has other values",
+}
+"""Change of a person → how it is told."""
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=CHANGES.values())
+def test_what_a_person_changed_in_a_layer_stays__and_is_told(
+    change: str, nine_roofs_file: Path, out: Path
+) -> None:
+    execute(out / "footprints.gpkg", change)
+    told = rf"footprints.gpkg: was changed since a run wrote it \({CHANGES[change]}\); take .* eaves update"
+    with pytest.raises(InputError, match=told):
         build_again(nine_roofs_file, out)
 
 
@@ -170,13 +186,22 @@ def test_an_export_keeps_what_bears_its_name(out: Path) -> None:
     assert not (out / "before-2").exists()
 
 
-def test_a_reader_sees_the_old_or_the_new_file(nine_roofs_file: Path, out: Path) -> None:
+@pytest.mark.parametrize("by", ["build", "update"])
+def test_a_reader_sees_the_old_or_the_new_file(
+    by: str, nine_roofs_file: Path, out: Path, tmp_path: Path
+) -> None:
+    with closing(sqlite3.connect(out / "footprints.gpkg")) as layer:
+        (name,) = layer.execute("SELECT id FROM footprints").fetchone()
+    (tmp_path / "verdicts.csv").write_text(f"id,verdict\n{name},no building\n")
     query = "SELECT count(*), total(last_insert_rowid()) FROM footprints"
     execute(out / "footprints.gpkg", "PRAGMA journal_mode = WAL")
     with closing(sqlite3.connect(out / "footprints.gpkg")) as reader, (out / MODELS).open() as table:
         first = table.readline()
         old = reader.execute(query).fetchone()
-        assert build_again(nine_roofs_file, out, bounds=HALF).found < 9
+        if by == "build":
+            assert build_again(nine_roofs_file, out, bounds=HALF).found < 9
+        else:
+            assert update(out, edits=tmp_path / "verdicts.csv").summary.found == 8
         assert reader.execute(query).fetchone() == old
         assert first and len(table.readlines()) == 9
     with closing(sqlite3.connect(out / "footprints.gpkg")) as later:
@@ -256,7 +281,8 @@ def test_a_layer_that_was_only_shown_is_not_changed(nine_roofs_file: Path, out: 
 def test_a_run_of_another_input_stays(nine_roofs_file: Path, out: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.laz"
     write_laz(other, np.random.default_rng(1).uniform(0, [9, 9, 0.1], (200, 3)) + [90000, 440000, 0])
-    with pytest.raises(InputError, match=rf"out: holds a run of {nine_roofs_file.name}"):
+    told = rf"out: holds a run of {nine_roofs_file.name}; add a later scan of its area by eaves update"
+    with pytest.raises(InputError, match=told):
         build_again(other, out)
     assert build([nine_roofs_file, other], out, outputs=("footprints",)).found == 9  # more tiles are welcome
     with pytest.raises(InputError, match=r"out: holds a run of other.laz"):

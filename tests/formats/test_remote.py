@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
@@ -17,7 +18,7 @@ import pytest
 from tests.formats.copc_writer import write_copc
 
 from eaves.formats import InputError, find_inputs, iter_chunks, open_source
-from eaves.formats.points.remote import localise
+from eaves.formats.points.remote import SLOWEST, RemoteFile, Traffic, localise
 from eaves.model.summary import Summary
 
 SIDE = 400.0
@@ -127,6 +128,42 @@ def test_server_that_does_not_give_the_file_is_one_line_without_secrets(
     with pytest.raises(InputError, match=rule) as refused:
         localise(address + place, tmp_path)
     assert "secret" not in str(refused.value) and "\n" not in str(refused.value)
+
+
+class Slow(BaseHTTPRequestHandler):
+    """Answers nothing to `/silent`, a byte at a time to `/dripping`, a thousand times as fast to `/slow`."""
+
+    def do_GET(self) -> None:
+        if self.path == "/silent":
+            self.rfile.read(1)  # until the other end gives up
+            return
+        first, last = (int(n) for n in self.headers["Range"].removeprefix("bytes=").split("-"))
+        self.send_response(206)
+        self.send_header("Content-Range", f"bytes {first}-{last}/{SLOWEST * 8}")
+        self.end_headers()
+        piece, pause = (b"a", 0.02) if self.path == "/dripping" else (b"a" * (SLOWEST // 2), 0.1)
+        with suppress(ConnectionError):
+            for _ in range(0, min(last + 1, SLOWEST * 8) - first, len(piece)):
+                self.wfile.write(piece)
+                time.sleep(pause)
+
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@pytest.mark.parametrize("path", ["silent", "dripping", "slow"])
+def test_a_server_that_is_slow_is_waited_for__one_that_never_ends_is_a_line(path: str) -> None:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Slow) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}/{path}"
+        if path == "slow":  # for longer than the patience
+            assert RemoteFile(address, Traffic(), patience=0.4).read() == b"a" * SLOWEST * 8
+        else:
+            with pytest.raises(
+                InputError, match=rf"/{path}: cannot be read \(no answer within 0.4 s\); check"
+            ):
+                RemoteFile(address, Traffic(), patience=0.4)
+        server.shutdown()
 
 
 @pytest.mark.parametrize("given", ["ftp://host/a.laz", "s3://host/a.laz", "http://user:pass@host/a.laz"])

@@ -31,6 +31,15 @@ def test_a_slope_with_a_hole_has_the_figures_of_its_plane() -> None:
     assert TABLE.polygons()[0].area == pytest.approx(60.0)
 
 
+def test_a_section_is_the_plan_of_what_lies_above() -> None:
+    # the slope reaches z = 5 at x = 4, z = 6.5 at x = 6: east of the hole, whose eastern side it touches
+    # first
+    slope = FaceTable.of([[SQUARE, HOLE]])
+    assert [slope.section_area(height) for height in (1.0, 4.25, 5.0, 6.5, 9.0)] == pytest.approx(
+        [60.0, 8 * 5 - 2, 32.0, 16.0, 0.0]
+    )
+
+
 def test_an_upright_face_has_no_height_over_a_place() -> None:
     assert np.isnan(TABLE.planes[1]).all()
 

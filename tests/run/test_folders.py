@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import eaves
 from eaves.flow import run
 from eaves.flow.exports import classified_name
 from eaves.flow.run import open_run
@@ -109,6 +110,19 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
     assert [path.name for path in (tmp_path / "before-1").iterdir()] == ["footprints.geojson"]
     assert (tmp_path / "before-1" / "footprints.geojson").read_text() == "changed by hand"
     assert check_folder(tmp_path) == []
+
+
+@pytest.mark.parametrize("per_tile", [False, True])
+def test_a_run_removes_what_was_left_half_written_under_its_names(
+    per_tile: bool, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    for name in ("footprints.gpkg", MANIFEST, "mine.gpkg"):
+        half = tmp_path / f".{name}.half" / name
+        half.parent.mkdir()
+        half.touch()
+    words = {"outputs": ("footprints",), "lod": "0", "per_tile": per_tile}
+    assert eaves.build(nine_roofs_file, tmp_path, **words).found == 9
+    assert [path.name for path in tmp_path.glob(".*.half")] == [".mine.gpkg.half"]
 
 
 def test_a_run_that_did_not_end_is_no_result(

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from eaves.buildings.gather import cells_of, is_seen_beside
 from eaves.figures.attributes import measure_again
 from eaves.geometry.tolerance import PLANARITY, SNAP
+from eaves.methods import check_returned, naming
 from eaves.model import (
     Block,
     Boundary,
@@ -25,6 +26,7 @@ from eaves.model import (
     RoofPlane,
 )
 from eaves.model.building import OVERHANGS
+from eaves.model.checks import error_line, is_array
 from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
@@ -57,7 +59,10 @@ def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[Build
     if building.given is not None or not len(roof):
         return [building]
     roof = roof[canonical_order(building.xyz[roof])]
-    number = outline.parts(building.xyz[roof], building.spacing)
+    with naming(outline):
+        number = outline.parts(building.xyz[roof], building.spacing)
+    held = is_array(number, len(roof), "iu")
+    check_returned(outline, held, f"as parts an array ({len(roof)},) of int32", number)
     if not number.any():
         return [building]
     nearest = cKDTree(building.xyz[roof, :2]).query(building.xyz[:, :2])[1]
@@ -220,11 +225,16 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
-    """Figures of an outline that was not given: its corners, the share of the least rectangle or circle
-    around it that it fills, and the share, but for walls to other units, without ground within `FAR_M`."""
+    """Figures of an outline that was not given: its corners, sides of the least rectangle around it, the
+    share of that, or of the least circle, that it fills, and the share, but for walls to other units, without
+    ground within `FAR_M`."""
     polygon = footprint.polygon
-    around = min(polygon.minimum_rotated_rectangle.area, shapely.minimum_bounding_circle(polygon).area)
+    rectangle = polygon.minimum_rotated_rectangle
+    around = min(rectangle.area, shapely.minimum_bounding_circle(polygon).area)
+    sides = np.hypot(*np.diff(shapely.get_coordinates(rectangle)[:3], axis=0).T)
     facts: dict[str, object] = {
+        "width_m": round(float(sides.min()), 2),
+        "length_m": round(float(sides.max()), 2),
         "corners": sum(map(corner_count, shapely.get_rings(polygon))),
         "box_share": round(float(polygon.area / around), 3),
     }
@@ -314,5 +324,5 @@ def find_doubtful(results: Sequence[BuildingResult], finest: str, unit_m: float)
 def broken_result(building: BuildingPoints, error: Exception) -> BuildingResult:
     """The rest of a building whose pass raised: its place, its points, the error as the reason."""
     place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
-    failure = Failure("internal_error", f"{type(error).__name__}: {error}", "pipeline", place)
+    failure = Failure("internal_error", error_line(error), "pipeline", place)
     return BuildingResult(failure, building.point_id, np.zeros(len(building.xyz), np.int32))

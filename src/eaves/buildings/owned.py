@@ -21,7 +21,9 @@ from eaves.buildings.building_file import SavedBuilding, building_arrays
 from eaves.buildings.gather import MARGIN, Gatherer
 from eaves.buildings.join import OwnedBuildings
 from eaves.footprints.addresses import split_buildings
+from eaves.methods import ContractError
 from eaves.model import Block, Failure, Footprint
+from eaves.model.checks import error_line
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.run.clock import Clock
 from eaves.run.keys import key_of
@@ -102,9 +104,10 @@ def try_building(
     others of its block with it."""
     try:
         return building_pass(building, footprint, recipe, unit_m, flat, check)
+    except ContractError:  # of a method that returns this no building can be right
+        raise
     except Exception as error:
-        name = building.owner_block.name
-        log.warning("a building of block %s failed: %s: %s", name, type(error).__name__, error)
+        log.warning("a building of block %s failed: %s", building.owner_block.name, error_line(error))
         log.debug("traceback", exc_info=True)
         return broken_result(building, error)
 
@@ -122,8 +125,10 @@ def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint 
     """The footprints of a block's buildings together; one by one where one of them breaks the others."""
     try:
         return draw_footprints(buildings, recipe)
+    except ContractError:
+        raise
     except Exception as error:  # as in try_building: the others must not go with it
         if len(buildings) == 1:
             log.debug("traceback", exc_info=True)
-            return [Failure("internal_error", f"{type(error).__name__}: {error}", "outline")]
+            return [Failure("internal_error", error_line(error), "outline")]
         return [draw_all([building], recipe)[0] for building in buildings]

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from eaves.cli.first_run import compiled_pieces
 from eaves.kernels import library
+from eaves.run.memory import physical_memory
 
 LIBRARIES = ("numpy", "scipy", "numba", "laspy", "lazrs", "shapely", "pyproj", "rasterio", "pyogrio")
 EXTRAS = {
@@ -48,7 +49,7 @@ def describe_installation() -> Iterator[str]:
     grids = {file.name for place in places if place.is_dir() for file in place.glob("*.tif")}
     remedy = "" if grids else "; heights above the ellipsoid need them: pyproj sync"
     yield f"PROJ {pyproj.proj_version_str}, {len(grids)} grids{remedy}"
-    yield f"{os.cpu_count()} cores, {memory_gb():.1f} GB of memory"
+    yield f"{os.cpu_count()} cores, {physical_memory() / 1e9:.1f} GB of memory"
     yield f"compiled with the package: {len(library())} calls of kernels; the rest when it is first called"
     yield f"compiled code is kept in {cache_folder()}"
 
@@ -59,14 +60,6 @@ def library_version(name: str) -> str:
         return version(name)
     except PackageNotFoundError:
         return ""
-
-
-def memory_gb() -> float:
-    """The memory of the machine; NaN where the system does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    except (AttributeError, ValueError, OSError):
-        return float("nan")
 
 
 def cache_folder() -> str:

@@ -142,7 +142,8 @@ def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
     words = re.sub(r"`(\w+)`", lambda found: DECLARED[found[1]].flag if found[1] in DECLARED else found[0],
                    one.option.sentence)  # fmt: skip
     if one.name in METHOD_OPTIONS:
-        words = "A method's name; see `eaves methods`." + (" Or off." if one.name == "units" else "")
+        words = "A method's name, see `eaves methods`, or MODULE:CLASS of another."
+        words += " Or off." if one.name == "units" else ""
     default: Any = one.option.default
     kind: Any = str if "str" in one.words or "Sequence" in one.words else one.kind
     kind, default = (kind, default) if isinstance(default, bool | float | int) else (kind | None, None)

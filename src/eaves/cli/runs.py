@@ -83,7 +83,7 @@ def report_error(error: Exception) -> int:
         status, line = INCOMPLETE, f"memory ran out ({line}); {REMEDY}"
     elif isinstance(error, EOFError):
         status, line = INCOMPLETE, f"a file ended too early ({line}); run again without --resume"
-    elif isinstance(error, ValueError | OSError):
+    elif isinstance(error, ValueError | OSError) or type(error).__name__ == "ContractError":
         if "--verbose" in sys.argv or "-v" in sys.argv:
             raise error
         status = INCOMPLETE if isinstance(error, DiskFullError) else MISUSE
@@ -157,13 +157,13 @@ def run_build(
     `--set` words overrule."""
     from eaves.run.garbage import keep_all
 
+    start_log(quiet, verbose)
     with keep_all():
         from eaves.report.build import build as build_files
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()
         recipe = read_recipe(options, given, ground_only)
-    start_log(quiet, verbose)
     with run_display(quiet) as progress:
         return build_files(inputs, out, recipe, progress, allow_failures=True, **options)
 
@@ -176,14 +176,28 @@ def read_recipe(
     from dataclasses import replace
 
     from eaves.flow.run import recipe_of
-    from eaves.run.options import DEFAULT_OPTIONS
+    from eaves.run.options import DEFAULT_OPTIONS, METHOD_OPTIONS
 
     tables, settings = read_config(given[0]), read_settings(given[1] or ())
     for stage in {*tables, *settings}:
         named = {**tables.get(stage, {}), **options.get(stage, {}), **settings.get(stage, {})}  # type: ignore[dict-item]
         options[stage] = named  # type: ignore[literal-required]
+    given_methods: dict[str, Any] = {stage: options.get(stage) for stage in METHOD_OPTIONS}
+    look_in_this_folder([str(table.get("method")) for table in given_methods.values() if table])
     recipe = recipe_of({**DEFAULT_OPTIONS, **options})
     return replace(recipe, detect=None) if ground_only else recipe
+
+
+def look_in_this_folder(names: Sequence[str]) -> None:
+    """Let Python find the modules of methods named `module:Class` in this folder, too, after all others; say
+    which are imported. Processes that are started take this over."""
+    import logging
+    import os
+
+    for name in names:
+        if ":" in name:
+            logging.getLogger("eaves").info("the method %s is imported", name)
+            sys.path += [os.getcwd()] * (os.getcwd() not in sys.path)
 
 
 def show_plan(
@@ -198,6 +212,7 @@ def show_plan(
     computed or written."""
     from tempfile import TemporaryDirectory
 
+    from eaves.flow.refusals import warn_of_memory
     from eaves.flow.run import plan_run
 
     start_log(quiet, verbose)
@@ -205,6 +220,7 @@ def show_plan(
         options.setdefault("cache", cache)
         run = plan_run(inputs, out, read_recipe(options, given), carries_edits=True, **options)
         typer.echo(run.facts.as_text())
+        warn_of_memory(run)
     for reason in run.failed:
         typer.echo(f"incomplete: {reason}", err=True)
     raise typer.Exit(INCOMPLETE if run.failed else COMPLETE)
@@ -304,16 +320,21 @@ def describe_sources() -> Iterator[str]:
 
 def describe_methods(stage: str | None) -> Iterator[str]:
     """Lines on every method, or on those of one stage with their parameters."""
-    from eaves.methods import DEFAULTS, REGISTRY, method_class
+    from eaves.methods import DEFAULTS, REGISTRY, ContractError, installed_methods, method_class
 
     if stage is not None and stage not in REGISTRY:
         raise ValueError(f"unknown stage '{stage}'; choose one of: {', '.join(REGISTRY)}")
     for name in [stage] if stage else list(REGISTRY):
         yield name
-        for method in REGISTRY[name]:
-            cls = method_class(name, method)
+        for method, place in {**REGISTRY[name], **installed_methods(name)}.items():
+            try:
+                cls = method_class(name, method)
+            except (ValueError, ContractError) as error:
+                yield f"  {method}: {error}"
+                continue
             mark = " (default)" if DEFAULTS[name] == method else ""
-            yield f"  {method}{mark}: {cls.idea} [{cls.paper}]"
+            source = cls.paper if method in REGISTRY[name] else place
+            yield f"  {method}{mark}: {cls.idea} [{source}]"
             for key, field in cls.model_fields.items() if stage else ():
                 extra: Any = field.json_schema_extra or {}
                 unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"

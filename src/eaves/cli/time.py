@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from eaves.cli.options import Crs, Jobs, Out, Quiet, Verbose
-from eaves.cli.runs import COMPLETE, INCOMPLETE, progress_display, start_log
+from eaves.cli.runs import COMPLETE, INCOMPLETE, look_in_this_folder, progress_display, start_log
 
 
 def begin(quiet: bool, verbose: bool) -> None:
@@ -63,6 +63,14 @@ def update(
         str | None,
         typer.Option(help="Date of the new scan (2026-05-31); default: the latest in the files' headers."),
     ] = None,
+    methods: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--method",
+            help="Import this method, which the run was built with; may be repeated.",
+            metavar="MODULE:CLASS",
+        ),
+    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Overwrite edits and other results in the output folder.")
     ] = False,
@@ -91,8 +99,10 @@ def update(
     if date is not None and not inputs:
         raise ValueError("--date: goes with new points, and none are given; name their files")
     begin(quiet, verbose)
+    named = methods or []
+    look_in_this_folder(named)
     with progress_display(quiet) as progress:
-        done = run_update(folder, inputs or (), out, date, jobs, progress, overwrite, True, edits)
+        done = run_update(folder, inputs or (), out, date, jobs, progress, overwrite, True, edits, named)
     if not quiet:
         typer.echo(done.as_text())
         typer.echo(f"results in {out or folder}")

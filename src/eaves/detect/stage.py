@@ -9,9 +9,18 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
+from eaves.methods import (
+    Emit,
+    Method,
+    MethodChoice,
+    check_returned,
+    emitter,
+    ignore,
+    naming,
+    resolve_method,
+)
 from eaves.model import Labels, Points, Regions, Scene
-from eaves.model.checks import check_type
+from eaves.model.checks import check_type, is_array
 
 MIN_AREA_M2 = 6.0
 MIN_HEIGHT_M = 2.0
@@ -102,7 +111,9 @@ def detect_buildings(
     assert isinstance(detector, Detector)
     order = scene.cloud.canonical_order()
     ordered = Scene(scene.cloud.take(order), scene.dtm, scene.dsm, scene.spacing, scene.height[order])
-    found = detector.label(ordered, emitter(debug))
+    with naming(detector):
+        found = detector.label(ordered, emitter(debug))
+    check_regions(detector, found, len(order))
     label, kept = keep_regions(found.label, ordered, min_area, min_height)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
@@ -112,6 +123,18 @@ def detect_buildings(
         gone = (found.label > 0) & (label == 0)
         part = np.where(gone, 0, found.part).astype(np.uint8)[back]
     return Regions(label[back], score, part, found.doubts)
+
+
+def check_regions(method: Detector, found: Regions, count: int) -> None:
+    """Raise ContractError where what a detector returned is no Regions of so many points."""
+    check_returned(method, isinstance(found, Regions), "Regions", found)
+    held = is_array(found.label, count, "iu")
+    check_returned(method, held, f"Regions whose label is an array ({count},) of int32", found.label)
+    held = found.part is None or is_array(found.part, count, "u")
+    check_returned(method, held, f"Regions whose part is an array ({count},) of uint8, or None", found.part)
+    most = int(found.label.max(initial=0))
+    held = len(found.score) == 0 or len(found.score) >= most
+    check_returned(method, held, f"Regions with a score of each of {most} regions, or none", found.score)
 
 
 def keep_regions(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from eaves.figures.roof_figures import face_shapes, roof_figures
+from eaves.figures.roof_figures import face_shapes, roof_figures, storey_figures
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.roof_fit import highest_faces
@@ -135,12 +135,11 @@ def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
     surface = np.array([face.surface for solid in solids for face in solid.faces])
     roofs = faces.take(surface == ROOF_SURFACE)
     roof_faces = describe_faces(roofs)
-    volume = faces.volume
-    mean_height = volume / float(model.footprint.polygon.area)
     return {
-        **roof_figures(roof_faces, ground, face_shapes(roofs), mean_height),
+        **roof_figures(roof_faces, ground, face_shapes(roofs)),
+        **storey_figures(faces, ground),
         "h_ground": ground,
-        "volume_m3": volume,
+        "volume_m3": faces.volume,
         "wall_area_m2": float(faces.areas[surface == WALL_SURFACE].sum()),
         "roof_area_m2": float(sum(face["area_m2"] for face in roof_faces)),
         "roof_projected_m2": float(sum(face["projected_m2"] for face in roof_faces)),
@@ -149,7 +148,7 @@ def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
     }
 
 
-SIZES = ("volume_", "wall_area_", "roof_area_", "roof_projected_", "roof_face")
+SIZES = ("volume_", "wall_area_", "roof_area_", "roof_projected_", "roof_face", "floor_area_", "storeys")
 """Prefixes of the names of attributes that are sizes of the finest level's solids."""
 
 
@@ -162,8 +161,7 @@ def measure_again(model: BuildingModel) -> BuildingModel:
     # the same faces, with what their points say
     if earlier.get("roof_face_count") == facts["roof_face_count"]:
         del sizes["roof_faces"]
-    storeys = min(earlier["storeysAboveGround"], facts["storeysAboveGround"])
-    return model.with_(attributes={**earlier, **sizes, "storeysAboveGround": storeys})
+    return model.with_(attributes={**earlier, **sizes})
 
 
 def describe_faces(faces: FaceTable) -> list[dict[str, Any]]:

@@ -144,14 +144,15 @@ def envelope_figures(
 ) -> dict[str, Any]:
     """The walls with floor area, envelope (free walls, roof, ground; m²) and its share of the volume (1/m).
 
-    The storeys are those of the map where it has them, else those estimated from the height of the eaves.
+    Storeys and floors are the map's where it has them, else estimated.
     """
-    storeys = map_storeys if isinstance(map_storeys, int) and map_storeys > 0 else None
-    storeys = storeys or attributes.get("storeysAboveGround")
     roof, volume = attributes.get("roof_area_m2"), attributes.get("volume_m3")
     figures: dict[str, Any] = {**walls}
-    if storeys:
-        figures |= {"floor_storeys": int(storeys), "floor_area_m2": round(area_m2 * int(storeys), 1)}
+    floors = attributes.get("floor_area_m2")
+    if isinstance(map_storeys, int) and map_storeys > 0:
+        floors = area_m2 * map_storeys
+    if floors is not None:
+        figures |= {"floor_storeys": max(1, round(floors / area_m2)), "floor_area_m2": round(floors, 1)}
     if roof is not None:
         envelope = walls["free_wall_area_m2"] + roof + area_m2
         figures["envelope_m2"] = round(envelope, 1)

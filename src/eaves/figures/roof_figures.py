@@ -46,8 +46,12 @@ LEVEL_M = 0.15
 STOREY_M = 2.9
 """Height of a storey with its floor, from floor to floor (m), as dwellings in Europe have it."""
 
-LOWEST_STOREY_M = 2.2
-"""Least mean height (m) of a storey: the volume over the footprint holds no more storeys of it."""
+HEADROOM_M = 1.5
+"""Clear height (m) from which a floor counts, as under the slopes of an attic (NEN 2580, DIN 277)."""
+
+FULL_M, FULL_SHARE = 2.0, 0.75
+"""Clear height (m) that a full storey has, and over what share of the floor. Building codes ask 2.3 m;
+storeys lower than `STOREY_M` put a second floor of 2.6 m by so much too high."""
 
 CODES = {"flat": "1000", "shed": "1010", "gable": "1030", "hip": "1040", "pyramid": "1070", "complex": "1130"}
 """The roof types in the code list of CityGML's `roofType` (SIG3D)."""
@@ -86,14 +90,12 @@ def roof_figures(
     faces: list[Record],
     ground: float,
     shapes: Sequence[FaceShape] | None = None,
-    mean_height: float = np.inf,
 ) -> Record:
     """Attributes from the records of the roof faces, and their shapes in plan; `ground` (m) is the base of
-    the building, `mean_height` (m) its volume over its footprint.
+    the building.
 
     Heights are those of the roof's own surface; the eaves are the lowest, the ridge the highest edge of the
-    main faces, annexes left out: area decides which are. Storeys are counted from the ground to the eaves, no
-    more than the volume holds.
+    main faces, annexes left out: area decides which are.
     """
     if not faces:
         return {"roof_type": "flat", "h_eaves": None, "h_ridge": None, "h_max": None}
@@ -106,7 +108,6 @@ def roof_figures(
     below = np.cumsum([face["projected_m2"] for face in by_top])
     half = by_top[int(np.searchsorted(below, below[-1] / 2.0))]["h_high"] - ground
     eaves = min(face["h_low"] for face in main if face["h_high"] - ground >= min(half, ANNEX_SHARE * half))
-    storeys = min(round((eaves - ground) / STOREY_M), mean_height // LOWEST_STOREY_M)
     plan = sum(face["projected_m2"] for face in faces)
     pitched = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
     level = sum(face["projected_m2"] for face in faces if face["slope_deg"] < LEVEL_SLOPE_DEG)
@@ -121,14 +122,32 @@ def roof_figures(
         "measuredHeight": top - ground,
         "ridge_direction_deg": ridge_direction(pitched),
         "roof_slope_deg": mean_slope(pitched),
-        "storeysAboveGround": int(max(1, storeys)),
-        "storeys_source": f"eaves over ground by {STOREY_M} m",
     }
     areas = dict.fromkeys(("flat", *QUARTERS), 0.0)
     for face in faces:
         side = "flat" if face["slope_deg"] < LEVEL_SLOPE_DEG else quarter_of(face["azimuth_deg"])
         areas[side] += face["area_m2"]
     return figures | {f"roof_area_{side}_m2": area for side, area in areas.items()}
+
+
+def storey_figures(solids: FaceTable, ground: float) -> Record:
+    """Storeys and gross floor area (m²) of closed solids on a base (m), an estimate: sections of the
+    solids over floors `STOREY_M` apart.
+
+    A floor is the section `HEADROOM_M` over it: an attic counts where a person can stand, a lean-to with its
+    own storeys, a passage with none. A storey is full, and counted, when it is `FULL_M` high over
+    `FULL_SHARE` of the largest floor.
+    """
+    top = float(solids.corners[:, 2].max()) - ground
+    upper = np.arange(STOREY_M, top, STOREY_M).tolist()
+    floors = [solids.section_area(ground + floor + HEADROOM_M) for floor in upper]
+    floors.append(solids.section_area(ground + min(HEADROOM_M, 0.5 * top)))
+    full = [solids.section_area(ground + floor + FULL_M) >= FULL_SHARE * max(floors) for floor in upper]
+    return {
+        "storeysAboveGround": 1 + sum(full),
+        "storeys_source": f"{FULL_M} m clear over floors {STOREY_M} m apart",
+        "floor_area_m2": sum(floors),
+    }
 
 
 def ridge_height(main: list[Record]) -> float:

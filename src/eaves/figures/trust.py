@@ -23,8 +23,35 @@ DETAILED = "2.2"
 LEAST_LOSS = 0.7
 """Log-odds that a trait must cost to be a reason: half of the odds."""
 
+DEFECT_LOSS = WEIGHTS["one"] + WEIGHTS["corners"] * HOUSE - float(np.log(HIGH / (1.0 - HIGH)))
+"""Log-odds that a trait must cost to take a plain house out of high trust by itself."""
+
 SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
+
+
+VEHICLE_WIDTH_M, VEHICLE_HEIGHT_M, VEHICLE_LENGTH_M = (2.55, 2.95), (2.2, 5.0), (7.5, 18.0)
+"""Trailers and containers are 2.44 to 2.6 m wide, 2.6 to 4.2 m high and to 16.2 m long; outlines and tops
+are as much as a step of the scan larger, the ground beside lower. Shorter ones are as large as garages."""
+
+TRAILER_HEIGHT_M, TRAILER_LENGTH_M = 3.8, 13.0
+"""Least height and length (m) of trailers that stand side by side."""
+
+VEHICLE_BADNESS = 0.9
+"""How likely what has the form of a vehicle is none of a building's."""
+
+
+def is_vehicle(row: Mapping[str, Any]) -> bool:
+    """True for a level top that has the width, height and length of a trailer or container, or the height and
+    length of trailers and the width of several side by side."""
+    width, length, height = (row.get(name) or 0.0 for name in ("width_m", "length_m", "measuredHeight"))
+    (least, most), (lowest, highest) = VEHICLE_WIDTH_M, VEHICLE_HEIGHT_M
+    if row.get("roof_type") != "flat" or not lowest <= height <= highest or length > VEHICLE_LENGTH_M[1]:
+        return False
+    if width <= most:
+        return bool(length >= VEHICLE_LENGTH_M[0])
+    abreast = width / most <= width // least
+    return bool(abreast and height >= TRAILER_HEIGHT_M and length >= TRAILER_LENGTH_M)
 
 
 def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
@@ -47,6 +74,30 @@ def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
     )
 
 
+def trait_gains(row: Mapping[str, Any]) -> dict[str, float]:
+    """The log-odds that each trait gives."""
+    gains = trust_traits(row) * np.array(list(WEIGHTS.values()))
+    return dict(zip(WEIGHTS, gains.tolist(), strict=True))
+
+
+def lacks_model(row: Mapping[str, Any]) -> bool:
+    """True for a building without a model."""
+    return row.get("lod") in (None, "0") and bool(row.get("failure_code"))
+
+
+def has_defect(row: Mapping[str, Any]) -> bool:
+    """True if a fault that a person can see takes a building out of high trust by itself. A party wall under
+    one roof, of which the scan shows nothing, is none.
+    """
+    supported = row.get("supported_share")
+    gains = trait_gains(row)
+    return (
+        (supported is not None and supported < HIGH)
+        or any(gains[name] <= -DEFECT_LOSS for name in WORDS)
+        or any(doubts_of({**row, "wall_certainty": None}))
+    )
+
+
 def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     """The class of trust of a building (high, medium, low), how likely it is wrong (0 to 1), and the reasons
     in words.
@@ -62,9 +113,9 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     >>> judge({"lod": "2.2", "score": 1.0, "supported_share": 0.3})[0]
     'low'
     """
-    if row.get("lod") in (None, "0") and row.get("failure_code"):
+    if lacks_model(row):
         return "low", 1.0, f"no model: {row.get('failure_reason')}"
-    gains = dict(zip(WEIGHTS, (trust_traits(row) * np.array(list(WEIGHTS.values()))).tolist(), strict=True))
+    gains = trait_gains(row)
     badness = float(1.0 / (1.0 + np.exp(sum(gains.values()))))
     reasons = []
     supported = row.get("supported_share")
@@ -74,6 +125,9 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     weak_traits = [name for name, gain in gains.items() if name in WORDS and gain <= -LEAST_LOSS]
     reasons += [WORDS[name].format(**row) for name in sorted(weak_traits, key=lambda name: gains[name])]
     doubts = list(doubts_of(row))
+    if is_vehicle(row):
+        badness = max(badness, VEHICLE_BADNESS)
+        reasons.insert(0, "a container or vehicle? level, {width_m:.1f} by {length_m:.1f} m".format(**row))
     if doubts:
         badness = max(badness, 1.0 - 0.5 * (HIGH + LOW))
     trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness > LOW else "low"
@@ -85,11 +139,12 @@ WORDS = {
     "empty": "{share_no_data:.0%} of its plan has no points",
     "corners": "{corners} corners on {area_m2:.0f} m²",
     "hidden": "no ground was seen beside {hidden_share:.0%} of its outline",
-    "notched": "its outline fills only {box_share:.0%} of a rectangle",
 }
-"""The fault that a trait shows, in words."""
+"""The fault that a trait shows, in words. That an outline is no rectangle is none."""
 
-SMALL_DOUBTS = "no single reason: points off the roof, gaps in the points and the outline together"
+SMALL_DOUBTS = (
+    "no single reason: points off the roof, gaps in the points and the shape of its outline together"
+)
 
 
 def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:

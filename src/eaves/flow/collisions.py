@@ -10,12 +10,16 @@ from typing import Any
 
 from eaves.flow.exports import FOOTPRINT_FILES
 from eaves.formats import InputError
-from eaves.run.manifest import known_facts
-from eaves.run.set_aside import names_of_paths, next_place, work_of_persons
+from eaves.run.manifest import known_facts, known_files
+from eaves.run.set_aside import LISTED, names_of_paths, next_place, work_of_persons
+from eaves.run.store import WORK
+from eaves.run.tables import changes_between, tables_of
 
 ELSEWHERE = "choose another folder with -o"
 EDITS = "edits.gpkg"
 """Name of the file in a run's folder that keeps all edits; a user may change it, too."""
+LAYER = "footprints.gpkg"
+"""The file of a run whose layer of footprints takes edits."""
 
 
 def refuse_collisions(
@@ -57,7 +61,7 @@ def refuse_collisions(
     for path in inputs:  # a symbolic link, or another name of the same folder
         if os.path.islink(path) and is_same_place(os.path.dirname(os.path.realpath(path)), folder):
             raise InputError.about(path, f"leads into the output folder {folder}", ELSEWHERE)
-    written = ["footprints.gpkg", *(file for _, file in FOOTPRINT_FILES.values())]
+    written = [LAYER, *(file for _, file in FOOTPRINT_FILES.values())]
     for path in polygons:
         if any(is_same_place(path, folder / name) for name in written):
             raise InputError.about(path, "would be overwritten by the footprints of this run", ELSEWHERE)
@@ -79,8 +83,10 @@ def refuse_overwrite(
     same = {identity for one in plan.get("inputs", ()) for identity in identities(one)}
     for one in facts.get("inputs", ()) if same else ():
         if same.isdisjoint(identities(one)):
-            name = Path(one["path"]).name
-            raise InputError.about(folder, f"holds a run of {name}", "give another -o, or --overwrite")
+            kept = "request" in facts and (folder / WORK).is_dir()
+            scan = f"add a later scan of its area by eaves update {folder} POINTS -o OTHER, " if kept else ""
+            remedy = f"{scan}give another -o, or --overwrite"
+            raise InputError.about(folder, f"holds a run of {Path(one['path']).name}", remedy)
     work = list(edits_and_work(folder, planned))
     if carries_edits:
         work = [(path, reason) for path, reason in work if path != folder / EDITS]
@@ -89,7 +95,9 @@ def refuse_overwrite(
         more = names_of_paths(folder, [other for other, _ in work[1:]])
         also = f" (and of {len(work) - 1} more: {more})" if more else ""
         remedy = f"give another -o, or --overwrite, which moves it to {next_place(folder).name} in the folder"
-        raise InputError.about(path, f"{reason}{also}", remedy)
+        if "request" in facts and {path.name for path, _ in work} & {EDITS, LAYER}:
+            remedy = f"take its changes as edits by eaves update {folder}, {remedy}"
+        raise InputError.about(path, f"{reason}{changes_told(path)}{also}", remedy)
 
 
 def edits_and_work(folder: Path, planned: Collection[str]) -> Iterator[tuple[Path, str]]:
@@ -98,6 +106,14 @@ def edits_and_work(folder: Path, planned: Collection[str]) -> Iterator[tuple[Pat
         day = datetime.fromtimestamp(edits.stat().st_mtime)
         yield edits, f"holds edits of {day.day} {day:%B %Y}"
     yield from (found for found in work_of_persons(folder, planned) if found[0] != edits)
+
+
+def changes_told(path: Path) -> str:
+    """The tables, columns, rows and values of a GeoPackage that are not as a run wrote them, in brackets;
+    empty of other files, and where nothing is known."""
+    noted = known_files(path.parent).get(path.name, {}).get("tables")
+    changes = list(changes_between(noted, tables_of(path))) if noted else []
+    return f" ({', '.join(changes[:LISTED])})" if changes else ""
 
 
 def identities(entry: Mapping[str, Any]) -> tuple[str, str]:

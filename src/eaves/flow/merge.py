@@ -15,7 +15,7 @@ import shapely
 from eaves.figures.rows import BuildingRow
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.flow.rasters import write_run_mask
-from eaves.flow.review import REVIEW, write_review
+from eaves.flow.review import REVIEW, ranked, write_review
 from eaves.formats.rasters.vrt import write_vrt
 from eaves.formats.vectors.geopackage import Row, plain_value, read_details, write_geopackage
 from eaves.model import Bounds, CoordinateSystem
@@ -85,19 +85,10 @@ def merge_footprints(
     doubts = doubt_rows([doubt_of(row, unit) for row in TileRows(having(places, "doubts"), "doubts")], side)
     words = describe_doubts(doubts, unit, LAYER)
     doubts = [Row(shapely.transform(row.geometry, lambda xy: xy / unit), row.attributes) for row in doubts]
-    review = review_of_tiles(places)
+    review = ranked(TileRows(having(places, "review"), "review"))
     write_geopackage(path, footprints, roof_planes, as_it_is, review, doubts, provenance)
     write_review(path.with_name(REVIEW), review, as_it_is)
     return words
-
-
-def review_of_tiles(places: Sequence[Path]) -> list[Row]:
-    """The rows of all tiles' layers `review`, ranked anew."""
-    rows = sorted(
-        TileRows(having(places, "review"), "review"),
-        key=lambda row: (-row.attributes["badness"], row.attributes["id"]),
-    )
-    return [Row(row.geometry, {**row.attributes, "rank": rank}) for rank, row in enumerate(rows, 1)]
 
 
 def having(places: Sequence[Path], layer: str) -> list[Path]:

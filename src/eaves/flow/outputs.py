@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from glob import escape
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -229,7 +227,6 @@ def write_outputs(
     files = [path for step in steps for path in written[step]]
     if "footprints" in steps:
         files.append(write_map(run.folder, files, store.system))
-    clear_leftovers(files)
     clock.lap("summary")
     for name, spent in clock.laps.items():
         region.budget.add(name, spent)
@@ -260,13 +257,6 @@ def note(run: Run, files: Sequence[Path]) -> None:
     """Note files of the run in its folder's manifest."""
     if run.classified is None:
         begin_manifest(run.folder, files=files)
-
-
-def clear_leftovers(files: Sequence[Path]) -> None:
-    """Remove what processes that were killed have left of these files in the making."""
-    for path in files:
-        for place in path.parent.glob(f".{escape(path.name)}.*"):
-            shutil.rmtree(place, ignore_errors=True)
 
 
 def write_run(summary: Summary) -> None:

@@ -10,8 +10,12 @@ import numpy as np
 import shapely
 
 from eaves.detect.given_classes import GivenClasses
+from eaves.flow.exports import COPC
 from eaves.footprints.read import box_text
 from eaves.formats import InputError
+from eaves.run.code import is_of_package, package_sources
+from eaves.run.memory import physical_memory, share_memory
+from eaves.run.options import METHOD_OPTIONS
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.store import RECORD
 
@@ -26,7 +30,32 @@ COPIED_POINTS = 200_000_000
 """Inputs of more points are decompressed a second time: copies of their records would fill the disk."""
 COPIED_BYTES = 20
 """Of the shortest record of a LAS file."""
+COPC_BYTES = 60
+"""Of memory for a point of a COPC file that is written."""
 ANYWAY = "or add --allow-empty"
+
+
+def refuse_unknown_code(run: Run) -> None:
+    """Check that other processes can import the run's methods, and that later runs can see them change.
+
+    Raises
+    ------
+    InputError
+        When several processes, or a run that is kept or resumed, need a method of an interactive session.
+    """
+    options = run.options
+    for stage in METHOD_OPTIONS:
+        method = getattr(run.recipe, stage)
+        name = type(method).__module__
+        if method is None or is_of_package(name):
+            continue
+        is_shared = options["scheduler"] is None and run.jobs > 1
+        lasts = options["keep"] or options["resume"]
+        if (is_shared or lasts) and package_sources().path(name) is None:
+            raise InputError(
+                f"{stage} method {type(method).__qualname__}: has no source file, by which other processes "
+                "and later runs know it; put its class into a file, or leave jobs, keep and resume out"
+            )
 
 
 def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
@@ -106,6 +135,40 @@ def refuse_full_disk(run: Run) -> None:
             f"its disk has {free / 1e6:,.1f} MB free, and {run.index.points:,} points take "
             f"{needed / 1e6:,.1f} MB while they are computed",
             "free some, choose a folder on another disk, or build by --per-tile",
+        )
+
+
+def refuse_small_memory(run: Run) -> None:
+    """Check that the points of the largest file fit into memory where they are to be COPC.
+
+    Raises
+    ------
+    InputError
+        When they do not.
+    """
+    largest = int(run.index.entries["count"].argmax())
+    count, there = run.index.count(largest), run.memory or physical_memory()
+    as_copc = COPC in run.options["formats"] and not run.by_tiles and run.window == Window()
+    if as_copc and count * COPC_BYTES > there:
+        raise InputError.about(
+            run.index.path(largest),
+            f"its {count:,} points as COPC take {count * COPC_BYTES / 1e6:,.1f} MB of memory, and there are "
+            f"{there / 1e6:,.1f}",
+            "cut it into tiles, or leave copc out of --formats",
+        )
+
+
+def warn_of_memory(run: Run) -> None:
+    """Say when the processes are expected to need more memory than there is: by the mean density of the
+    points, so that the run may do all the same."""
+    jobs, _ = share_memory(run.memory, run.jobs)
+    if jobs * run.facts.memory_mb * 1e6 > (run.memory or physical_memory()):
+        log.warning(
+            "memory: %d processes are expected to need %s MB each, more than %s; give fewer --jobs or more "
+            "memory, or see it run out",
+            jobs,
+            f"{run.facts.memory_mb:,}",
+            f"--memory {run.options['memory']}" if run.memory else "this computer has",
         )
 
 

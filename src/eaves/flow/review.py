@@ -8,32 +8,44 @@ from pathlib import Path
 from urllib.parse import quote
 
 from eaves.figures.rows import BuildingRow
-from eaves.figures.trust import judge
+from eaves.figures.trust import has_defect, judge, lacks_model
 from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row
 from eaves.model import CoordinateSystem
 
 REVIEW = "review.csv"
-COLUMNS = ("rank", "id", "trust", "badness", "reason", "link", "x", "y")
+COLUMNS = ("rank", "id", "trust", "worth_m2", "reason", "link", "x", "y")
 """Of review.csv; x and y are a place inside the building, in the units of the reference system."""
+
+LEAST_WORTH_M2 = 30.0
+"""Buildings of which less is wrong, in the mean, are left out: a garage."""
 
 
 def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
-    """The buildings that are not of high trust, worst first."""
-    found = []
+    """The buildings of low trust, or with a defect that lowers it by itself, by the area that is likely
+    wrong; of a map's polygons all that have no model.
+    """
+    rows = []
     for building in buildings:
         trust, badness, reason = judge(building.values)
-        if trust != "high":
+        worth = badness * building.values["area_m2"]
+        weak = trust == "low" or has_defect(building.values)
+        if lacks_model(building.values) or (weak and worth >= LEAST_WORTH_M2):
             words = {
                 "id": building.values["id"],
                 "trust": trust,
-                "badness": round(badness, 3),
+                "worth_m2": round(worth, 1),
                 "reason": reason,
                 "link": f"report.html#building={quote(building.values['id'])}",
             }
-            found.append(Row(building.polygon, words))
-    found.sort(key=lambda row: (-row.attributes["badness"], row.attributes["id"]))
-    return [Row(row.geometry, {"rank": rank, **row.attributes}) for rank, row in enumerate(found, 1)]
+            rows.append(Row(building.polygon, words))
+    return ranked(rows)
+
+
+def ranked(rows: Iterable[Row]) -> list[Row]:
+    """The rows, the most worth first, with their ranks."""
+    ordered = sorted(rows, key=lambda row: (-row.attributes["worth_m2"], row.attributes["id"]))
+    return [Row(row.geometry, {**row.attributes, "rank": rank}) for rank, row in enumerate(ordered, 1)]
 
 
 def write_review(path: Path, rows: Sequence[Row], system: CoordinateSystem) -> Path:

@@ -17,7 +17,14 @@ from typing import Any, Self, Unpack
 from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
 from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
-from eaves.flow.refusals import refuse_full_disk, refuse_no_classes, refuse_no_points
+from eaves.flow.refusals import (
+    refuse_full_disk,
+    refuse_no_classes,
+    refuse_no_points,
+    refuse_small_memory,
+    refuse_unknown_code,
+    warn_of_memory,
+)
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
@@ -25,6 +32,7 @@ from eaves.formats.crs_check import vertical_datum
 from eaves.formats.errors import require_extra
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.remote import localise
+from eaves.methods import name_of
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
@@ -43,6 +51,7 @@ from eaves.run.options import (
     kept_options,
 )
 from eaves.run.partition import Window
+from eaves.run.store import WORK
 
 log = logging.getLogger("eaves")
 
@@ -53,7 +62,7 @@ NAMED_SOURCES = 100
 """Maximum number of point files named in each output; of more the first are, and their number."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
-WORK, REMOTE = ".eaves-work", "remote"
+REMOTE = "remote"
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""
@@ -267,8 +276,10 @@ def plan_run(
         carries_edits=carries_edits and not options["overwrite"],
         started=started,
     )
+    refuse_unknown_code(run)
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
+    refuse_small_memory(run)
     if recipe.use_classes and not may_miss:
         refuse_no_classes(run)
     return run
@@ -279,12 +290,7 @@ def look_at_scan(run: Run) -> Run:
     facts = run.facts
     for remark in facts.remarks():
         log.info("scan: %s", remark)
-    if run.memory is not None and run.memory < facts.memory_mb * 1e6:
-        log.warning(
-            "--memory %s: each process is expected to need %s MB; give more, or see it run out",
-            run.options["memory"],
-            f"{facts.memory_mb:,}",
-        )
+    warn_of_memory(run)
     return replace(run, plan={**run.plan, "scan": facts.as_json()})
 
 
@@ -390,7 +396,7 @@ def describe_plan(
 ) -> dict[str, Any]:
     """All that decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
-        stage: method and {"method": method.name, **method.model_dump(mode="json")}
+        stage: method and {"method": name_of(method), **method.model_dump(mode="json")}
         for stage in METHOD_OPTIONS
         for method in [getattr(recipe, stage)]
     }

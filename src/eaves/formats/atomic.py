@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
 
 from eaves.formats.errors import InputError
@@ -39,6 +41,13 @@ def atomic(path: str | Path) -> Iterator[Path]:
         for leftover in workplace.iterdir():
             leftover.unlink(missing_ok=True)
         workplace.rmdir()
+
+
+def clear_leftovers(files: Iterable[Path]) -> None:
+    """Remove what processes that were killed have left of these files in the making."""
+    for path in files:
+        for place in path.parent.glob(f"{escape(f'.{path.name}.'[:SHORT])}*"):
+            shutil.rmtree(place, ignore_errors=True)
 
 
 SHORT = 200

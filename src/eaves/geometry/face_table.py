@@ -164,6 +164,27 @@ class FaceTable:
         heads = self.corners[self.ring_start[self.outer]] - self.corners[0]
         return float((heads * self.vectors).sum() / 3.0)
 
+    def section_area(self, height: float) -> float:
+        """Area (m²) of the level section at a height (m) through closed solids: the plan of what lies
+        over it, of faces that look up less that of those that look down.
+
+        Each edge is cut at the height and summed by its cross product about a place of its face's level line,
+        so that the line itself adds nothing.
+        """
+        start, end = self.corners, self.corners[self.following]
+        rise = end[:, 2] - start[:, 2]
+        over = start[:, 2] >= height
+        crossing = over != over[self.following]
+        share = np.where(crossing, (height - start[:, 2]) / np.where(rise == 0.0, 1.0, rise), 0.0)
+        cut = start[:, :2] + share[:, None] * (end - start)[:, :2]
+        place = self.corners[self.ring_start[self.outer], :2]
+        place[self.face_of_corner[crossing]] = cut[crossing]
+        origin = place[self.face_of_corner]
+        a = np.where(over[:, None], start[:, :2], cut) - origin
+        b = np.where(over[self.following][:, None], end[:, :2], cut) - origin
+        seen = over | over[self.following]
+        return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[seen].sum())
+
     def polygons(self, dimensions: int = 2) -> NDArray[np.object_]:
         """The faces (F,) as polygons, in plan or with their heights."""
         return self._polygons(self.corners[:, :dimensions])

@@ -12,9 +12,18 @@ from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.outliers import find_outliers
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.kernels import kernel
-from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
+from eaves.methods import (
+    Emit,
+    Method,
+    MethodChoice,
+    check_returned,
+    emitter,
+    ignore,
+    naming,
+    resolve_method,
+)
 from eaves.model import Mask, PointCloud, Points
-from eaves.model.checks import check_type
+from eaves.model.checks import check_type, is_array
 from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
 
 
@@ -48,7 +57,9 @@ class GroundMethod(Method):
         """
         mask = np.zeros(len(cloud), bool)
         below = np.flatnonzero(~over)
-        mask[below] = self.ground_mask(cloud.take(below), emit)
+        ground = self.ground_mask(cloud.take(below), emit)
+        check_returned(self, is_array(ground, len(below), "b"), f"an array ({len(below)},) of bool", ground)
+        mask[below] = ground
         return mask, None
 
     @property
@@ -141,7 +152,10 @@ def classify_ground(
         patch = filter_.find_wide_objects(Floor.of(taken))
         wide = None if patch is None else WideObjects((patch,))
     over = np.zeros(len(taken), bool) if wide is None else wide.over(taken)
-    mask, found = filter_.separate(taken, over, emitter(debug))
+    with naming(filter_):
+        mask, found = filter_.separate(taken, over, emitter(debug))
+    held = is_array(mask, len(taken), "b")
+    check_returned(filter_, held, f"an array ({len(taken)},) of bool", mask)
     classes[place[mask]] = GROUND
     part = None
     if found is not None:

@@ -46,6 +46,17 @@ def check_lengths(count: int, arrays: dict[str, NDArray[Any] | None]) -> None:
             )
 
 
+def is_array(value: Any, count: int, kinds: str) -> bool:
+    """True if a value is an array (count,) whose dtype is of one of some kinds, as numpy abbreviates them."""
+    return isinstance(value, np.ndarray) and value.shape == (count,) and value.dtype.kind in kinds
+
+
+def error_line(error: BaseException) -> str:
+    """An exception in one line: its class, its message and its notes, which name the method that raised."""
+    notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
+    return " ".join(f"{type(error).__name__}: {error}{notes}".split())
+
+
 def check_positive(value: Any, name: str, unit: str = "m") -> None:
     """Raise TypeError or ValueError when a value is no number above 0."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
@@ -67,4 +78,7 @@ def describe(value: Any) -> str:
     """A value's type, and its dtype and shape when it is an array."""
     if isinstance(value, np.ndarray):
         return f"an array {value.shape} of {value.dtype}"
+    if isinstance(value, list | tuple):
+        kinds = sorted({type(one).__name__ for one in value})
+        return f"a {type(value).__name__} of {len(value)} {' and '.join(kinds) or 'values'}"
     return "None" if value is None else f"a value of type {type(value).__name__}"

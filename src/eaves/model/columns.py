@@ -58,8 +58,8 @@ COLUMNS: dict[str, Column] = {
     "free_wall_e_m2": Column("Wall to the east", "m²", "in the open, looking that way"),
     "free_wall_s_m2": Column("Wall to the south", "m²", "in the open, looking that way"),
     "free_wall_w_m2": Column("Wall to the west", "m²", "in the open, looking that way"),
-    "floor_storeys": Column("Storeys of the floor area", "", "the map's, else estimated", int),
-    "floor_area_m2": Column("Floor area", "m²", "gross: the footprint times its storeys"),
+    "floor_storeys": Column("Storeys of the floor area", "", "floor area over footprint", int),
+    "floor_area_m2": Column("Floor area", "m²", "gross, by the map's storeys, else with attics 1.5 m clear"),
     "envelope_m2": Column("Envelope", "m²", "walls in the open, roof along its slopes, ground"),
     "envelope_per_volume": Column("Envelope over volume", "1/m", "small is compact"),
     "roof_area_m2": Column("Roof area", "m²", "along the slopes"),
@@ -71,6 +71,8 @@ COLUMNS: dict[str, Column] = {
     "density": Column("Density", "points/m²", "points over the area of the footprint"),
     "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
     "corners": Column("Corners", "", "of the outline, where it was not given", int),
+    "width_m": Column("Width", "m", "of the least rectangle around the outline, where it was not given"),
+    "length_m": Column("Length", "m", "of the least rectangle around the outline, where it was not given"),
     "box_share": Column(
         "Share of the box", "", "of the least rectangle or circle around the outline, filled"
     ),
@@ -117,7 +119,7 @@ COLUMNS: dict[str, Column] = {
     ),
     "review_reason": Column("Why to review", "", "what lowers the trust, in words", str),
     "rank": Column("Rank", "", "1 is the building to look at first", int),
-    "badness": Column("Badness", "", "probability that the building is wrong, 0 to 1"),
+    "worth_m2": Column("Worth", "m²", "area that is likely wrong: (1 - trust_score) times the area"),
     "link": Column("On the page", "", "the building in report.html beside the file", str),
     "stage": Column("Step", "", "the step of the computation that could not decide", str),
     "reason": Column("Reason", "", "why the place or the building deserves a look, in words", str),
@@ -202,7 +204,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("overhang_known_share", "open_share", "stands_free", "wall_certainty", "ground_source"),
         *("ground_distance_m", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
         *("free_wall_s_m2", "free_wall_w_m2", "envelope_m2", "envelope_per_volume"),
-        *("corners", "box_share", "hidden_share"),
+        *("corners", "width_m", "length_m", "box_share", "hidden_share"),
     ),
     "roof_planes": (
         *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),

@@ -118,7 +118,8 @@ class Summary:
                 f"empty: none of {self.points:,} points is used: see --bounds, --clip, or add --allow-empty"
             )
         failed = self.found - self.modelled
-        if failed and (strict or (not self.modelled and self.run.get("footprints"))):
+        broken = self.run.get("footprints") or "internal_error" in self.failures
+        if failed and (strict or (not self.modelled and broken)):
             codes = ", ".join(f"{code} {count}" for code, count in sorted(self.failures.items()))
             lines.append(
                 f"no model: {failed:,} of {self.found:,} footprints failed ({codes}); failure_reason in "
@@ -171,7 +172,7 @@ class Summary:
                 lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
         if self.trust:
             high, medium, low = (self.trust.get(name, 0) for name in ("high", "medium", "low"))
-            lines.append(f"{many}: {high:,} high, {medium:,} medium, {low:,} to review")
+            lines.append(f"{many}: trust high {high:,}, medium {medium:,}, low {low:,}")
         return "\n".join([*lines, self._ending()])
 
     def _ending(self) -> str:

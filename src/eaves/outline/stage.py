@@ -11,7 +11,16 @@ import shapely
 from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon
-from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
+from eaves.methods import (
+    Emit,
+    Method,
+    MethodChoice,
+    check_returned,
+    emitter,
+    ignore,
+    naming,
+    resolve_method,
+)
 from eaves.model import Boundary, Failure, Footprint, Labels, Mask, Points
 from eaves.model.checks import check_points, check_positive, check_type
 from eaves.model.cloud import canonical_order
@@ -120,7 +129,9 @@ def trace_outline(
     if places < MIN_POINTS and (places := count_places(good)) < MIN_POINTS:
         reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
         return Failure("too_few_points", reason, "outline")
-    boundary = outliner.trace(good, spacing, emitter(debug))
+    with naming(outliner):
+        boundary = outliner.trace(good, spacing, emitter(debug))
+    check_returned(outliner, isinstance(boundary, Boundary | Failure), "a Boundary or a Failure", boundary)
     if isinstance(boundary, Failure):
         return boundary
     divided = None if not_last is None else points[finite & not_last]
@@ -179,7 +190,12 @@ def regularise_outlines(
     outliner = resolve_method("outline", method)
     assert isinstance(outliner, OutlineMethod)
     results: list[Footprint | Failure] = []
-    polygons = outliner.regularise(boundaries, emitter(debug))
+    with naming(outliner):
+        polygons = outliner.regularise(boundaries, emitter(debug))
+    held = isinstance(polygons, list) and len(polygons) == len(boundaries)
+    held = held and all(isinstance(one, Polygon | Failure) for one in polygons)
+    rule = f"a list of {len(boundaries)} Polygons or Failures, one a boundary"
+    check_returned(outliner, held, rule, polygons)
     for boundary, polygon in zip(boundaries, polygons, strict=True):
         if isinstance(polygon, Failure):
             results.append(polygon)

@@ -14,11 +14,12 @@ from eaves.figures.attributes import (
     surface_heights,
 )
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
-from eaves.reconstruct.toolkit.cell_labels import LARGEST, cell_costs, label_cells, plane_reach
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid, Values
+from eaves.reconstruct.toolkit.cell_labels import LARGEST, PlaneReach, cell_costs, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
+    planes_of_regions,
     seen_roof,
     spacing_on_roof,
     support_of,
@@ -29,7 +30,7 @@ from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_to
 from eaves.solids.coverage import Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import LOWEST_ROOF, extrude_plan, without_numbers
-from eaves.solids.half_edges import MOST_ROUNDS
+from eaves.solids.half_edges import MOST_ROUNDS, Integers
 
 
 class Arrangement(ObjectLimits):
@@ -39,19 +40,20 @@ class Arrangement(ObjectLimits):
     of two planes, the sides of the rectangle around each plane, and the footprint itself; each is lengthened
     to the next, so that it cuts. All is rounded to a 1 mm grid by snap rounding, which keeps the plan a plan.
     Every cell gets the plane that fits its points, at a cost for each metre of border, most where heights
-    jump, and for each plane. Cells with one plane are merged, slivers and short edges go, and the plan is
-    raised with vertices that all faces share. The coarser levels merge the same cells further: LoD 2.0 gives
-    small faces to their neighbours, 1.3 and 1.2 level them.
+    jump, and for each face. Then each face's plane is fitted to the points in it, and lines, cells and labels
+    are made once more of these planes. Cells with one plane are merged, slivers and short edges go, and the
+    plan is raised with vertices that all faces share. The coarser levels merge the same cells further:
+    LoD 2.0 gives small faces to their neighbours, 1.3 and 1.2 level them.
 
     Formula
     -------
-    min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + γ · planes in use,
+    min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + 2γ · faces,
 
     d the distance of a roof point from the cell's plane, a the spacing, τ, g the limits, β, γ the prices; s
     grows with the height of the jump from 0.2 where the planes meet to 1 where they are half a metre apart. γ
-    counts in points: what a part must show to be worth its description is a number of points, not an area.
-    Cells choose in the order of what it matters to them, then cells, regions and whole planes move to what is
-    cheaper for them; expansion moves [boykov2001] come to the same sums. A corner then stays where it is only
+    counts in points: what a part must show to be worth its description is a number of points, not an area; a
+    face is a plane and where it lies. Cells choose in the order of what it matters to them, then cells and
+    faces move to what is cheaper for them. A corner then stays where it is only
     when its moving into the next one, or onto the line between its neighbours, would cost the points more
     than `plane_points` for each corner that saves.
 
@@ -78,7 +80,7 @@ class Arrangement(ObjectLimits):
 
     References
     ----------
-    [peters2022], [boykov2001].
+    [peters2022].
     """
 
     name: ClassVar[str] = "arrangement"
@@ -130,20 +132,25 @@ class Arrangement(ObjectLimits):
         roof = points[top]
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
-        plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
-        if plan is None:
+        cells = self.cells(footprint, roof, labels, coefficients, spacing, ground, emit)
+        if cells is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
-        reach = plane_reach(roof, labels, coefficients, spacing, ground, self.farthest)
-        located = plan.cells_of(roof)
-        data = cell_costs(plan, reach, self, located)
+        plan, reach, located, data = cells
+        chosen = label_cells(plan, reach, self, data)
+        region, first = plan.regions(chosen)
+        of_regions = np.vstack([coefficients[chosen[first]], coefficients[-1:]])
+        fitted = planes_of_regions(roof, located, region, of_regions, 0.5 * self.residual_limit)
+        cells = self.cells(footprint, roof, *fitted, spacing, ground, emit)
+        if cells is not None:
+            (plan, reach, located, data), coefficients = cells, fitted[1]
         for _ in range(MOST_ROUNDS):
             chosen = label_cells(plan, reach, self, data)
             merged, names = plan.merged(chosen)
             towers = find_leaf_towers(merged, names, coefficients, points[inside], spacing, self)
-            cells = np.flatnonzero(towers[plan.regions(chosen)[0]])
-            if len(cells) == 0:
+            leafy = np.flatnonzero(towers[plan.regions(chosen)[0]])
+            if len(leafy) == 0:
                 break
-            data[cells, chosen[cells]] = LARGEST
+            data[leafy, chosen[leafy]] = LARGEST
         located = plan.cells_merged(chosen, located)
         chosen = names
         plan, chosen = settle_corners(
@@ -208,6 +215,26 @@ class Arrangement(ObjectLimits):
             facts["installation_count"] = len(objects)
             model = model.with_(installations=objects)
         return model.with_(attributes={**facts, **(self.flattened(roof, ground) or fallback)})
+
+    def cells(
+        self,
+        footprint: Footprint,
+        roof: Points,
+        labels: Labels,
+        planes: Values,
+        spacing: float,
+        ground: float,
+        emit: Emit,
+    ) -> tuple[Coverage, PlaneReach, tuple[Integers, Integers], Values] | None:
+        """The plan of the lines of planes (P, 3) with `labels` (N,) of the roof points (N, 3), where the
+        planes may be, the points with the cells they lie in, and what each plane costs each cell (C, P); None
+        for a footprint without an area."""
+        plan = self.cut(footprint, roof, labels, planes, spacing, emit)
+        if plan is None:
+            return None
+        reach = plane_reach(roof, labels, planes, spacing, ground, self.farthest)
+        located = plan.cells_of(roof)
+        return plan, reach, located, cell_costs(plan, reach, self, located)
 
     def cut(
         self,

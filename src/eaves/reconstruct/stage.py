@@ -9,7 +9,17 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, make_method, resolve_method
+from eaves.methods import (
+    Emit,
+    Method,
+    MethodChoice,
+    check_returned,
+    emitter,
+    ignore,
+    make_method,
+    naming,
+    resolve_method,
+)
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.model.checks import check_points, check_type
 from eaves.model.cloud import canonical_order
@@ -118,7 +128,10 @@ def reconstruct_building(
     place = np.full(len(points), ABSENT, np.int64)
     place[order] = np.arange(len(order))
     ordered = [replace(plane, members=known_places(place, plane.members)) for plane in planes]
-    result = modeller.model(points[order], footprint, ordered, ground, emit)
+    with naming(modeller):
+        result = modeller.model(points[order], footprint, ordered, ground, emit)
+    held = isinstance(result, BuildingModel | Failure)
+    check_returned(modeller, held, "a BuildingModel or a Failure", result)
     facts: dict[str, object] = {"method": modeller.name}
     if isinstance(result, Failure):
         facts = {"method": FALLBACK, "fallback_code": result.code, "fallback_reason": result.reason}

@@ -98,7 +98,7 @@ def iter_page(
     folder = files("eaves.report").joinpath("page")
     parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
     script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
-    lines = [line for line in text.split("\n") if line.endswith("to review")] or text.split("\n")
+    lines = [line for line in text.split("\n") if ": trust high " in line] or text.split("\n")
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
     shown, total = len(contents.rows), contents.buildings

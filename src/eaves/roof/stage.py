@@ -8,7 +8,17 @@ from typing import ClassVar
 import numpy as np
 
 from eaves.geometry.planes import LocalPlanes
-from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, parameter, resolve_method
+from eaves.methods import (
+    Emit,
+    Method,
+    MethodChoice,
+    check_returned,
+    emitter,
+    ignore,
+    naming,
+    parameter,
+    resolve_method,
+)
 from eaves.model import Points, RoofPlane
 from eaves.model.checks import check_points, check_positive
 from eaves.model.cloud import canonical_order
@@ -103,7 +113,16 @@ def segment_roof(
         return []
     good = good[canonical_order(points[good])]
     centre = np.floor(points[good].mean(axis=0))
-    planes = segmenter.planes(points[good] - centre, spacing, rng or np.random.default_rng(0), emitter(debug))
+    rng = rng or np.random.default_rng(0)
+    with naming(segmenter):
+        planes = segmenter.planes(points[good] - centre, spacing, rng, emitter(debug))
+    held = isinstance(planes, list) and all(isinstance(plane, RoofPlane) for plane in planes)
+    check_returned(segmenter, held, "a list of RoofPlanes", planes)
+    for plane in planes:
+        members = np.asarray(plane.members)
+        held = members.dtype.kind in "iu" and not ((members < 0) | (members >= len(good))).any()
+        rule = f"planes whose members are numbers of its {len(good)} points"
+        check_returned(segmenter, held, rule, plane.members)
     results = []
     for plane in planes:
         a, b, c = plane.coefficients

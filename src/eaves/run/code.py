@@ -45,12 +45,13 @@ class Source(NamedTuple):
 
 
 class Sources:
-    """The modules of a package, with what each imports of it.
+    """The modules of this package and of those that bring methods, with what each imports of its own package
+    and of this one.
 
     Parameters
     ----------
     folder : Path
-        The folder of the package.
+        The folder of this package.
     table : Path or None
         File that keeps the digests from run to run; None keeps them in memory alone.
 
@@ -81,7 +82,7 @@ class Sources:
             A word of `DIGITS` hexadecimal digits.
         """
         names = tuple(modules)
-        if names not in self._digests:
+        if names not in self._digests or not all(map(is_of_package, names)):
             syntax = hashlib.sha256()
             for name in sorted(self.closure(names)):
                 source = self.source(name)
@@ -101,8 +102,9 @@ class Sources:
         return reached
 
     def source(self, name: str) -> Source | None:
-        """A module as its file stands; None where it has no source."""
-        if name not in self._read:
+        """A module as its file stands; None where it has no source. Files of other packages may change while
+        a process goes on."""
+        if name not in self._read or not is_of_package(name):
             path = self.path(name)
             self._read[name] = None if path is None else self._parsed(name, path)
         return self._read[name]
@@ -116,27 +118,48 @@ class Sources:
             return Source(*self._kept[name])
         tree = effective_syntax(content)
         syntax = hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest()
-        return Source(file, syntax[:DIGITS], sorted(set(self.imports(tree))))
+        return Source(file, syntax[:DIGITS], sorted(set(self.imports(tree, name, path))))
 
     def path(self, name: str) -> str | None:
         """The file of a module; None where there is none."""
-        place = os.path.join(self.folder, *name.split(".")[1:])
-        paths = f"{place}.py", os.path.join(place, "__init__.py")
+        place = self.place(name)
+        paths = os.path.join(place, "__init__.py"), f"{place}.py"
         return next((path for path in paths if os.path.isfile(path)), None)
 
-    def imports(self, tree: ast.AST) -> Iterator[str]:
-        """The modules of the package that are imported anywhere in a tree."""
+    def place(self, name: str) -> str:
+        """The path of a module without its suffix, as that of its package is imported, if it is."""
+        package, *rest = name.split(".")
+        if package == PACKAGE:
+            return os.path.join(self.folder, *rest)
+        module = sys.modules.get(package)
+        folders = list(getattr(module, "__path__", ()))
+        top = folders[0] if folders else os.path.splitext(getattr(module, "__file__", None) or "")[0]
+        return os.path.join(top, *rest)
+
+    def imports(self, tree: ast.AST, module: str, path: str) -> Iterator[str]:
+        """The modules of this package and of the module's own that are imported anywhere in its tree, and
+        those of the names that it takes from this package by a dot."""
+        followed = (f"{PACKAGE}.", f"{module.split('.')[0]}.")
+        parents = module.split(".") if path.endswith("__init__.py") else module.split(".")[:-1]
+        called = set[str]()
         for node in ast.walk(tree):
             if isinstance(node, ast.Import):
-                yield from (alias.name for alias in node.names if alias.name.startswith(f"{PACKAGE}."))
-            elif isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{PACKAGE}."):
-                yield from (self.origin(str(node.module), alias.name) for alias in node.names)
+                called |= {alias.asname or PACKAGE for alias in node.names if alias.name == PACKAGE}
+                yield from (alias.name for alias in node.names if f"{alias.name}.".startswith(followed))
+            elif isinstance(node, ast.ImportFrom):
+                above = parents[: len(parents) + 1 - node.level] if node.level else []
+                package = ".".join([*above, *([node.module] if node.module else [])])
+                if f"{package}.".startswith(followed):
+                    yield from (self.origin(package, alias.name) for alias in node.names)
+        for node in ast.walk(tree) if called else ():
+            if isinstance(node, ast.Attribute) and getattr(node.value, "id", None) in called:
+                yield self.origin(PACKAGE, node.attr)
 
     def origin(self, package: str, name: str) -> str:
         """The module that an imported name is of: itself, that which a stub says, or the one it is from."""
         if self.path(f"{package}.{name}") is not None:
             return f"{package}.{name}"
-        stub = self.folder.joinpath(*package.split(".")[1:], "__init__.pyi")
+        stub = Path(self.place(package), "__init__.pyi")
         if stub.exists():  # its names are loaded when they are first used
             for node in ast.parse(stub.read_bytes()).body:
                 if isinstance(node, ast.ImportFrom) and name in [alias.name for alias in node.names]:
@@ -153,6 +176,11 @@ class Sources:
             self.table.parent.mkdir(exist_ok=True)
             with atomic(self.table) as temporary:
                 temporary.write_text(json.dumps(table), encoding="utf-8")
+
+
+def is_of_package(name: str) -> bool:
+    """True if a module is of this package, by its name."""
+    return name.partition(".")[0] == PACKAGE
 
 
 @cache

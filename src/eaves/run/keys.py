@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from eaves.methods import Method
 from eaves.run.code import DIGITS, PACKAGE
 
 SUPERSEDED, FLOORS, LARGE, DECKS, GROUND = "superseded", "floors", "large", "decks", "ground"
@@ -27,10 +28,12 @@ edits are of."""
 
 
 def modules_of(value: Any) -> Iterator[str]:
-    """The modules of the classes of a parameter and of what it is made of, where they are of this package."""
+    """The modules of the classes of a parameter and of what it is made of, where they are of this package or
+    those of a method."""
     module = type(value).__module__
-    if module.startswith(f"{PACKAGE}."):
+    if module.startswith(f"{PACKAGE}.") or isinstance(value, Method):
         yield module
+        yield from (cls.__module__ for cls in type(value).__mro__[1:] if issubclass(cls, Method))
         for part in vars(value).values():
             yield from modules_of(part)
 

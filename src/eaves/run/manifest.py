@@ -12,15 +12,16 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from eaves.formats import InputError
-from eaves.formats.atomic import atomic
+from eaves.formats.atomic import atomic, clear_leftovers
+from eaves.run.tables import tables_of
 
 log = logging.getLogger("eaves")
 
 MANIFEST = "run.json"
 """Its members `complete` and `written` are the manifest; all others are the facts of the run."""
 Entry = dict[str, Any]
-"""`size` in bytes, `sha256`, of some files `content`, and the time it was `modified` (ns); empty for a file
-that a run is about to write or has not finished."""
+"""`size` in bytes, `sha256`, of some files `content` and `tables`, and the time it was `modified` (ns); empty
+for a file that a run is about to write or has not finished."""
 SQLITE_HEADER = 100
 """Bytes, by the file format."""
 
@@ -35,15 +36,17 @@ def begin_manifest(
     others: until it ends, what an earlier one left is no result, and whatever happens, a run after this one
     knows the files as ours."""
     entries: dict[str, Entry] = {name: {} for name in planned}
-    entries |= {name: entry_of(folder / name) for name in names_of(folder, files)}
+    entries |= {name: whole_entry(folder / name) for name in names_of(folder, files)}
     write_manifest(folder, facts or {}, {**known_files(folder), **entries}, False)
 
 
 def end_manifest(folder: Path, files: Sequence[Path], complete: bool = True, **facts: Any) -> None:
-    """Remove what earlier runs wrote and this one did not, and write down every file of this one.
+    """Remove what earlier runs wrote and this one did not, and what any left that was killed; write down
+    every file of this one.
 
     A file that somebody has changed since is left where it is, with a warning. `facts` come to those noted.
     """
+    clear_leftovers([*files, folder / MANIFEST])
     names = names_of(folder, files)
     earlier = known_files(folder)
     for name in sorted(earlier.keys() - set(names)):
@@ -56,7 +59,7 @@ def add_to_manifest(folder: Path, files: Sequence[Path]) -> None:
     """Write down files made after the run, where it has a manifest."""
     if (folder / MANIFEST).exists():
         words = read_manifest(folder)
-        entries = {name: entry_of(folder / name) for name in names_of(folder, files)}
+        entries = {name: whole_entry(folder / name) for name in names_of(folder, files)}
         write_manifest(folder, read_facts(folder), words["written"] | entries, words["complete"])
 
 
@@ -86,7 +89,13 @@ def current_entry(path: Path, entry: Entry | None) -> Entry:
     words = path.stat()
     if entry and (entry["size"], entry.get("modified")) == (words.st_size, words.st_mtime_ns):
         return entry
-    return entry_of(path)
+    return whole_entry(path)
+
+
+def whole_entry(path: Path) -> Entry:
+    """The entry of a file; of a GeoPackage with its `tables`."""
+    tables = {"tables": tables_of(path)} if path.suffix == ".gpkg" else {}
+    return {**entry_of(path), **tables}
 
 
 def is_changed(path: Path, entry: Entry) -> bool:

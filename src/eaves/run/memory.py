@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 from eaves.formats import InputError
@@ -36,6 +37,14 @@ def parse_memory(text: str | None) -> int | None:
     if size < LEAST:
         raise InputError(f"--memory {text}: a process needs at least {LEAST // 10**6}M; give more")
     return size
+
+
+def physical_memory() -> float:
+    """The bytes of memory of the machine; NaN where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):
+        return float("nan")
 
 
 def share_memory(memory: int | None, jobs: int) -> tuple[int, int | None]:

@@ -41,7 +41,8 @@ class Option:
 def method_option(flag: str) -> Option:
     """The option of a stage."""
     return Option(
-        "Method of the stage: its name, or a table of its parameters; None is the default.", flag=flag
+        "Method of the stage: its name, `module:Class`, or a table of its parameters; None is the default.",
+        flag=flag,
     )
 
 

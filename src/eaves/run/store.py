@@ -21,6 +21,8 @@ from eaves.run.part_file import is_whole_part, open_part, save_part
 
 log = logging.getLogger("eaves")
 
+WORK = ".eaves-work"
+"""Name of the folder of the results in that of a run."""
 FORM = 7
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(

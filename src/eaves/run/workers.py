@@ -22,6 +22,7 @@ from typing import Any, Self, TypeVar
 
 from eaves.formats.atomic import is_full
 from eaves.formats.errors import INSTALL
+from eaves.model.checks import error_line
 from eaves.run.garbage import collect_rarely
 from eaves.run.memory import REMEDY, limit_memory, share_memory
 
@@ -74,7 +75,7 @@ def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
         if is_interrupt(error):
             raise KeyboardInterrupt from None
         log.debug("task %d failed", index, exc_info=True)
-        reason = f"{type(error).__name__}: {error}"
+        reason = error_line(error)
         if isinstance(error, MemoryError):
             reason = f"memory ran out ({error or 'the system gave no more'}); {REMEDY}"
         return Outcome(index, error=reason, full=is_full(error), peak_mb=peak_memory_mb())

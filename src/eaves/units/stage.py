@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from shapely import Polygon
 
-from eaves.methods import Emit, Method, MethodChoice, ignore, resolve_method
+from eaves.methods import Emit, Method, MethodChoice, check_returned, ignore, naming, resolve_method
 from eaves.model import Points, Values
 from eaves.model.checks import check_lengths, check_points, check_positive
 from eaves.model.cloud import canonical_order
@@ -108,4 +108,11 @@ def divide_block(
     finite = np.isfinite(height)
     if not finite.any():
         return Division((outline,), (1.0,))
-    return divider.divide(points, np.where(finite, height, np.nanmedian(height)), outline, spacing)
+    with naming(divider):
+        found = divider.divide(points, np.where(finite, height, np.nanmedian(height)), outline, spacing)
+    check_returned(divider, isinstance(found, Division), "a Division", found)
+    held = all(isinstance(part, Polygon) for part in found.parts)
+    check_returned(divider, held, "a Division of Polygons", found.parts)
+    held = 0 < len(found.parts) == len(found.certainty)
+    check_returned(divider, held, "a Division of at least a part, with a certainty of each", found.certainty)
+    return found

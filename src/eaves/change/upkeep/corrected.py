@@ -13,7 +13,7 @@ from eaves.buildings.building_file import Kept, as_found
 from eaves.buildings.edited import Order, OwnedOrders
 from eaves.buildings.join import block_of
 from eaves.change.edits import Edit, edits_of_layer, read_edits, settle
-from eaves.flow.collisions import EDITS
+from eaves.flow.collisions import EDITS, LAYER
 from eaves.flow.region import Region
 from eaves.flow.step import compute
 from eaves.flow.steps import BUILDINGS, EDITED
@@ -21,8 +21,6 @@ from eaves.model import Block, CoordinateSystem, Failure, Footprint
 from eaves.run.keys import NAMED
 from eaves.run.manifest import is_changed, known_files
 
-LAYER = "footprints.gpkg"
-"""The file of a run whose layer of footprints takes edits."""
 OVERLAP_M2 = 1.0
 """An edited outline that covers more of a neighbour than this (m²) is reported."""
 

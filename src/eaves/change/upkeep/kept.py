@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from eaves.flow.region import EARLIER, REQUEST
-from eaves.flow.run import WORK, Run, look_at_scan, open_run
+from eaves.flow.run import Run, look_at_scan, open_run
 from eaves.formats import InputError
-from eaves.methods import resolve_method
+from eaves.methods import installed_methods, resolve_method
 from eaves.recipe.recipe import Recipe
 from eaves.run.index import Index
 from eaves.run.manifest import read_facts
 from eaves.run.options import DECLARED, METHOD_OPTIONS
+from eaves.run.store import WORK
 from eaves.surroundings.vegetation import VegetationRules
 
 MODELS = "buildings.city.jsonl"
@@ -74,9 +75,15 @@ def read_request(folder: Path) -> Request:
 
 
 def open_again(
-    folder: Path, new: Sequence[str] = (), out: Path | None = None, jobs: int = 1, overwrite: bool = False
+    folder: Path,
+    new: Sequence[str] = (),
+    out: Path | None = None,
+    jobs: int = 1,
+    overwrite: bool = False,
+    methods: Collection[str] = (),
 ) -> Run:
-    """The run of a folder, opened again; with `new` inputs, a later scan, into `out`.
+    """The run of a folder, opened again; with `new` inputs, a later scan, into `out`. Of other packages the
+    `methods` named (`module:Class`) are imported.
 
     Points keep their ids, for the inputs keep their order.
 
@@ -92,7 +99,7 @@ def open_again(
     inputs = [*request.inputs, *new]
     # in its own folder edits are kept
     options = {**request.options, "jobs": jobs, "overwrite": overwrite or out is None}
-    recipe = kept_recipe(request.plan)
+    recipe = kept_recipe(request.plan, methods)
     run = look_at_scan(open_run(inputs, out or folder, recipe, keep=request.keep, resume=True, **options))
     broken = [reason for reason in run.failed if any(path in reason for path in new)]
     if broken:
@@ -143,8 +150,22 @@ def marks_of(plan: dict[str, Any]) -> list[tuple[int, str]]:
     return [(plan["files"], plan["inputs_sha256"])]
 
 
-def kept_recipe(plan: dict[str, Any]) -> Recipe:
-    """The recipe that a run's plan states."""
+def kept_recipe(plan: dict[str, Any], named: Collection[str] = ()) -> Recipe:
+    """The recipe that a run's plan states. A file imports no code: a method of another package is one that an
+    installed package brings, or is among those `named`.
+
+    Raises
+    ------
+    InputError
+        When one is neither.
+    """
+    for stage in METHOD_OPTIONS:
+        place = str((plan["methods"][stage] or {}).get("method"))
+        if ":" in place and place not in {*named, *installed_methods(stage).values()}:
+            raise InputError(
+                f"the run's {stage} method is {place!r}, code that is not imported because a file names it; "
+                f"if you trust it, add --method {place}"
+            )
     methods: dict[str, Any] = {
         stage: None if words is None else resolve_method(stage, words, False)
         for stage, words in ((stage, plan["methods"][stage]) for stage in METHOD_OPTIONS)

@@ -24,7 +24,7 @@ from eaves.flow.collisions import EDITS, is_same_place
 from eaves.flow.numbers import NUMBERS, keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
 from eaves.flow.region import EARLIER, Region, drop_upkeep, end_region, open_region, store_of
-from eaves.flow.run import WORK, Progress, Run, no_progress, stated_request
+from eaves.flow.run import Progress, Run, no_progress, stated_request
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model.summary import IncompleteRunError, Summary
@@ -32,6 +32,7 @@ from eaves.pipeline import bring_points, find_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
+from eaves.run.store import WORK
 
 log = logging.getLogger("eaves")
 
@@ -101,6 +102,7 @@ def update(
     overwrite: bool = False,
     allow_failures: bool = False,
     edits: str | Path | None = None,
+    methods: Sequence[str] = (),
 ) -> Updated:
     """A run's results after a later scan of a part of its area, after a person's edits, or both.
 
@@ -135,6 +137,8 @@ def update(
     edits : str, Path or None
         More edits: polygons with a field `verdict`, and `id` where they are of a known building, or a CSV
         file of both fields.
+    methods : sequence of str
+        Methods of the run (`module:Class`) that no installed package brings, and that are to be imported.
 
     Returns
     -------
@@ -163,7 +167,7 @@ def update(
     request = read_request(folder)
     new = check_inputs(folder, request.inputs, list_inputs(inputs), out) if inputs else []
     when = date_of(new, date) if new else None
-    run = open_again(folder, new, None if inside else out, jobs, overwrite)
+    run = open_again(folder, new, None if inside else out, jobs, overwrite, methods)
     linked = request.keep and not inside
     with nullcontext() if inside else lock_folder(folder), hold_folder(run) as workers:
         if linked:

@@ -11,7 +11,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from http.client import HTTPException
+from http.client import HTTPException, HTTPResponse
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeGuard
 from urllib.parse import urljoin, urlsplit, urlunsplit
@@ -32,8 +32,10 @@ from eaves.model import Rectangle
 
 SCHEMES = ("http", "https")
 LISTS = (".vpc", ".json", ".geojson")
-TIMEOUT_S, ATTEMPTS, REDIRECTS = 30.0, 3, 5
+PATIENCE_S, ATTEMPTS, REDIRECTS = 30.0, 3, 5
 """Seconds without an answer, times that a request is made, and redirects that are followed."""
+SLOWEST = 4096
+"""Bytes per second of the slowest answer: one that drips would never end."""
 PIECE = 1 << 14
 """Bytes of the shortest request: a header is read in one."""
 LARGEST_LIST = 1 << 28
@@ -94,11 +96,12 @@ def check_address(address: str) -> None:
 
 
 class RemoteFile(io.RawIOBase):
-    """A file behind http or https that is read by ranges. `traffic` counts the bytes."""
+    """A file behind http or https that is read by ranges. `traffic` counts the bytes; a request is given up
+    after `patience` seconds without an answer."""
 
-    def __init__(self, address: str, traffic: Traffic) -> None:
+    def __init__(self, address: str, traffic: Traffic, patience: float = PATIENCE_S) -> None:
         check_address(address)
-        self.address, self.traffic, self.place = address, traffic, 0
+        self.address, self.traffic, self.place, self.patience = address, traffic, 0, patience
         self.size, self.version = -1, ""
         self._head = self._get(0, PIECE)
         self._last = 0, self._head
@@ -110,7 +113,7 @@ class RemoteFile(io.RawIOBase):
         )
         for attempt in range(ATTEMPTS):
             try:
-                with urllib.request.build_opener(_Redirects()).open(request, timeout=TIMEOUT_S) as answer:
+                with urllib.request.build_opener(_Redirects()).open(request, timeout=self.patience) as answer:
                     stated = re.fullmatch(
                         rf"bytes {start}-\d+/(\d+)", answer.headers.get("Content-Range") or ""
                     )
@@ -124,7 +127,7 @@ class RemoteFile(io.RawIOBase):
                     if self.size >= 0 and (int(stated[1]), known) != (self.size, self.version):
                         raise InputError.about(shown(self.address), "changed while it was read", AGAIN)
                     self.size, self.version = int(stated[1]), known
-                    data: bytes = answer.read(length)
+                    data = read_answer(answer, length, self.patience)
                     self.traffic.read += len(data)
                     if len(data) < min(length, self.size - start):
                         raise OSError("the answer is cut off")
@@ -139,6 +142,8 @@ class RemoteFile(io.RawIOBase):
                 if attempt == ATTEMPTS - 1:
                     reason = getattr(error, "reason", None) or error
                     words = getattr(reason, "strerror", None) or type(reason).__name__
+                    if isinstance(reason, TimeoutError):
+                        words = f"no answer within {self.patience:g} s"
                     raise InputError.about(shown(self.address), f"cannot be read ({words})", AGAIN) from None
             time.sleep(0.3 * 2**attempt)
         raise AssertionError
@@ -169,6 +174,22 @@ class RemoteFile(io.RawIOBase):
         buffer[:length] = held[self.place - start : end - start]
         self.place = end
         return length
+
+
+def read_answer(answer: HTTPResponse, length: int, patience: float) -> bytes:
+    """So many bytes of an answer, or all where there are fewer.
+
+    Raises
+    ------
+    TimeoutError
+        When they come slower than `SLOWEST`, but for the seconds of `patience`.
+    """
+    data, end = bytearray(), time.monotonic() + patience
+    while piece := answer.read1(length - len(data)):
+        data += piece
+        if time.monotonic() > end + len(data) / SLOWEST:
+            raise TimeoutError
+    return bytes(data)
 
 
 def localise(

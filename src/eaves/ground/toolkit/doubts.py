@@ -11,7 +11,10 @@ from eaves.model.cloud import GRID_STEP
 from eaves.model.doubt import Doubt
 from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY, empty_raster, lowest_points, whole_cells
-from eaves.raster.groups import BESIDE, neighbour_pairs
+from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
+
+LEAST_M2 = 50.0
+"""Terrain in doubt of less area (m²) is not said: a car, the foot of a hedge."""
 
 REASON = "ground or not: it ends without a step here, or as the cells are laid"
 
@@ -34,8 +37,9 @@ def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> M
 
 
 def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
-    """One doubt for each cell of `COARSEST_M` of the world that holds doubtful points, as large as their
-    share of its points; those with their middle in `bounds` (world metres). One point alone is no doubt.
+    """One doubt for each group of cells of `COARSEST_M` of the world that hold doubtful points, as large
+    as their share of the points; those with their middle in `bounds` (world metres) and of `LEAST_M2` or
+    more.
 
     Cells are fixed to the world, so blocks and tiles have the same.
     """
@@ -46,14 +50,19 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
     quanta = np.rint(cloud.xyz[:, :2] / GRID_STEP) + np.rint(np.divide(cloud.origin, GRID_STEP))
     cell = np.floor(quanta / round(COARSEST_M / GRID_STEP))
     low, high = extremes(cell)
-    number = ((cell[:, 0] - low[0]) * (high[1] - low[1] + 1) + cell[:, 1] - low[1]).astype(np.int64)
-    cells, home = np.unique(number[doubtful], return_inverse=True)
-    every, some = np.bincount(number)[cells], np.bincount(home)
-    middle = np.zeros((len(cells), 2), np.int64)
+    shape = int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
+    number = ((cell[:, 0] - low[0]) * shape[1] + cell[:, 1] - low[1]).astype(np.int64)
+    every, some = (np.bincount(cells, minlength=shape[0] * shape[1]) for cells in (number, number[doubtful]))
+    mask = (some > 0).reshape(shape)
+    group, count = group_cells(mask, *neighbour_pairs(mask))
+    area = np.bincount(group.ravel(), COARSEST_M**2 * some / np.maximum(every, 1), count + 1)
+    home = group.ravel()[number[doubtful]]
+    middle = np.zeros((count + 1, 2), np.int64)
     np.add.at(middle, home, quanta[doubtful].astype(np.int64))
-    found = []
-    for k in np.flatnonzero(some > 1):
-        x, y = (round(float(value) * GRID_STEP, 2) for value in middle[k] // some[k])
+    size = np.bincount(home, minlength=count + 1)
+    doubts = []
+    for k in np.flatnonzero(area >= LEAST_M2):
+        x, y = (round(float(value) * GRID_STEP, 2) for value in middle[k] // size[k])
         if bounds.contains(np.array([[x, y]]))[0]:
-            found.append(Doubt(x, y, round(COARSEST_M**2 * some[k] / every[k], 1), REASON, "ground"))
-    return tuple(found)
+            doubts.append(Doubt(x, y, round(float(area[k]), 1), REASON, "ground"))
+    return tuple(doubts)

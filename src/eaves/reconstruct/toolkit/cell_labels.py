@@ -1,4 +1,4 @@
-"""Assignment of planes to the cells of a plan: fit of their points, length of borders, a price per plane."""
+"""Assignment of planes to the cells of a plan: fit of their points, length of borders, a price per face."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ LARGEST = 1e5
 LEAST_GAIN = 1e-4
 """Moves that gain no more than this are not made."""
 
-NODE, REGION, LABEL = range(3)
-"""A move to another label: of a node, all that hangs together with it, all that has its label."""
+NODE, REGION = range(2)
+"""A move to another label: of a node, or of all of its label that hangs together with it."""
 
 
 class Borders(NamedTuple):
@@ -40,14 +40,14 @@ class Borders(NamedTuple):
     full: float
 
 
-def label_nodes(data: Values, borders: Borders, label_cost: float) -> Integers:
-    """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of labels used.
+def label_nodes(data: Values, borders: Borders, region_cost: float) -> Integers:
+    """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of regions,
+    each all of one label that hangs together.
 
     `data` (N, L) is the cost of each label at each node. The nodes choose one after the other, those first
-    for which it makes most difference. Then nodes, regions of one label and whole labels move to the label
-    that is cheapest for them, as long as that lowers the sum. Moves of regions leave the minima in which
-    single nodes are caught; expansion by minimal cuts [boykov2001] reaches sums as low, to 0.1 % over the
-    roofs of four surveys.
+    for which it makes most difference. Then nodes and regions move to the label that is cheapest for them, as
+    long as that lowers the sum. Moves of regions leave the minima in which single nodes are caught. That a
+    move may cut a region in two is not priced.
     """
     labels = np.full(len(data), OUTSIDE)
     second = np.partition(data, min(1, data.shape[1] - 1), axis=1)[:, :2]
@@ -55,7 +55,7 @@ def label_nodes(data: Values, borders: Borders, label_cost: float) -> Integers:
     ends = borders.edges.ravel()
     around = np.argsort(ends, kind="stable") // 2
     first = np.searchsorted(np.sort(ends), np.arange(len(data) + 1))
-    settle_kernel(data, borders, label_cost, around, first, order, labels)
+    settle_kernel(data, borders, region_cost, around, first, order, labels)
     return labels
 
 
@@ -78,7 +78,7 @@ def border_kernel(borders: Borders, edge: int, first: int, second: int) -> Any:
 def settle_kernel(
     data: Values,
     borders: Borders,
-    label_cost: float,
+    region_cost: float,
     around: Integers,
     first: Integers,
     order: Integers,
@@ -101,30 +101,22 @@ def settle_kernel(
         for place in range(start[node], start[node + 1]):
             if data[node, may[place]] >= least:  # the call alone would take longer than what it finds
                 continue
-            cost = cost_kernel(data, borders, labels, group, 1, rim, length, may[place], least)
+            cost = cost_kernel(data, borders, labels, group, 1, rim, length, may[place], least, 0.0)
             if cost < least:
                 least, best = cost, may[place]
         labels[node] = best
         turn += 1
-    uses = np.bincount(labels, minlength=data.shape[1])
-    # when a node last moved, what has a label last changed, a label last came into use or went, and when a
-    # seed last stayed
-    moved, changed, listed = np.full(len(labels), -1), np.full(len(uses), -1), -1
-    stayed = np.full((LABEL + 1, len(labels)), -2)
+    # when a node last moved, and when a seed last stayed
+    moved, stayed = np.full(len(labels), -1), np.full((REGION + 1, len(labels)), -2)
     for _ in range(MOST_ROUNDS):
         settled = True
-        for kind in (NODE, REGION, LABEL):
+        for kind in (NODE, REGION):
             begin = turn
             for seed in range(len(labels)):
                 if stamp[seed] >= begin:
                     continue
                 current, size = labels[seed], 1
                 group[0], stamp[seed] = seed, turn
-                if kind == LABEL:
-                    for node in range(seed + 1, len(labels)):
-                        if labels[node] == current and stamp[node] < begin:
-                            group[size], stamp[node] = node, turn
-                            size += 1
                 cursor = 0
                 while kind == REGION and cursor < size:
                     for place in range(first[group[cursor]], first[group[cursor] + 1]):
@@ -135,31 +127,24 @@ def settle_kernel(
                             size += 1
                     cursor += 1
                 length = rim_kernel(borders.edges, around, first, group, size, stamp, rim)
-                latest = max(listed, changed[current])
+                latest = -1
                 for place in range(length):
                     latest = max(latest, moved[rim[place, 1]])
                 if latest <= stayed[kind, seed]:  # nothing that the costs follow from is another than then
                     turn += 1
                     continue
                 args = (data, borders, labels, group, size, rim, length)
-                label_price = label_cost if uses[current] == size else 0.0
-                least, best = cost_kernel(*args, current, np.inf) + label_price - LEAST_GAIN, current
+                least, best = cost_kernel(*args, current, np.inf, region_cost) - LEAST_GAIN, current
                 for place in range(start[seed], start[seed + 1]):
                     label = may[place]
-                    price = label_cost if uses[label] == 0 else 0.0
-                    if label != current and data[seed, label] < least - price:
-                        cost = price + cost_kernel(*args, label, least - price)
+                    if label != current and data[seed, label] < least:
+                        cost = cost_kernel(*args, label, least, region_cost)
                         if cost < least:
                             least, best = cost, label
                 if best == current:
                     stayed[kind, seed] = turn
                 else:
                     settled = False
-                    if uses[best] == 0 or uses[current] == size:
-                        listed = turn
-                    uses[current] -= size
-                    uses[best] += size
-                    changed[current] = changed[best] = turn
                     for member in range(size):
                         labels[group[member]], moved[group[member]] = best, turn
                 turn += 1
@@ -201,10 +186,14 @@ def cost_kernel(
     length: int,
     label: int,
     most: float,
+    region_cost: float,
 ) -> float:
     """The cost of a label to the first `size` nodes of a group and to the first `length` edges of their
-    `rim`; no less than `most` where it is more."""
-    total = 0.0
+    `rim`, and of a region where no neighbour has the label; no less than `most` where it is more."""
+    total = region_cost
+    for place in range(length):
+        if labels[rim[place, 1]] == label:
+            total = 0.0
     for member in range(size):
         total += data[group[member], label]
         if total >= most:
@@ -252,8 +241,8 @@ class LabelCosts(BaseModel):
     )
     plane_points: float = parameter(
         4.0,
-        "Price of a plane in use, and of a corner, in points: three numbers are worth stating when they "
-        "explain so many.",
+        "Price of a plane, of where a face lies, and of a corner, in points: three numbers are worth stating "
+        "when they explain so many.",
         symbol="γ",
         ge=0.0,
     )
@@ -311,7 +300,7 @@ def label_cells(coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: 
         costs.meeting_share,
         costs.residual_limit,
     )
-    return label_nodes(data, borders, costs.plane_points * reach.spacing**2)
+    return label_nodes(data, borders, 2.0 * costs.plane_points * reach.spacing**2)
 
 
 def cell_costs(

@@ -11,14 +11,22 @@ from eaves.figures.attributes import FEWEST_POINTS, Surface, surface_heights
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.percentiles import quantile
+from eaves.geometry.planes import LINE_RATIO, add_point_kernel, plane_of_sums_kernel
 from eaves.geometry.rings import polygons_of
 from eaves.geometry.roof_fit import roof_point_mask
-from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane, Values
+from eaves.kernels import kernel
+from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Mask, Points, RoofPlane, Values
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.solids.extrude import LOWEST_ROOF
 
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
+
+FIT_ROUNDS, FEWEST_FITTED = 3, 6
+"""Rounds in which planes are fitted to what lies near them, and the fewest points that make one."""
+
+STEEPEST = 0.1
+"""Least upward share of the normal of a fitted plane, 84°: a wall is no roof."""
 
 MOST_PLANES = 1500
 """Planes that take part, those with most points; a table of cells and planes bounds the rest."""
@@ -110,6 +118,52 @@ def support_of(
     height = max(quantile(points[top, 2], PRISM_PERCENTILE / 100.0), ground + LOWEST_ROOF)
     rows = [*coefficients, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
     return labels, np.array(rows, np.float64)
+
+
+def planes_of_regions(
+    roof: Points, located: tuple[Integers, Integers], region: Integers, planes: Values, reach: float
+) -> tuple[Labels, Values]:
+    """The region of each roof point (N, 3) that lies on its plane, -1 for others, (N,), and the planes of the
+    regions (R, 3), of least squared distances from the points that lie within `reach` (m) of them.
+
+    `located` are points and the cells they lie in, `region` (C,) those of the cells, `planes` (R, 3) what
+    they have. A region of few points, or of points on a line, keeps its plane.
+    """
+    owner = np.full(len(roof), -1, np.int32)
+    owner[located[0]] = region[located[1]]
+    fitted = planes.copy()
+    near = fit_kernel(roof, owner, fitted, reach)
+    return np.where(near, owner, -1).astype(np.int32), fitted
+
+
+@kernel
+def fit_kernel(points: Points, owner: Labels, planes: Values, reach: float) -> Mask:
+    """Fits the `planes` (P, 3: a, b, c) to the points (N, 3) of their `owner` (N,), -1 for none, within a
+    reach (m) of them, again and again; which points are within it (N,)."""
+    near, plane = np.zeros(len(points), np.bool_), np.zeros(4)
+    covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    middle = points[0].copy()
+    for _ in range(FIT_ROUNDS):
+        sums = np.zeros((len(planes), 10))
+        for point in range(len(points)):
+            number = owner[point]
+            near[point] = False
+            if number >= 0:
+                a, b, c = planes[number]
+                x, y, z = points[point]
+                near[point] = abs(z - a * x - b * y - c) <= reach * np.sqrt(1.0 + a * a + b * b)
+                if near[point]:
+                    x, y, z = points[point] - middle
+                    add_point_kernel(sums[number], x, y, z, 1.0)
+        for number in range(len(planes)):
+            if sums[number, 0] < FEWEST_FITTED:
+                continue
+            plane_of_sums_kernel(sums[number], covariance, vectors, values, plane)
+            x, y, z, d = plane
+            if values[1] >= LINE_RATIO**2 * values[2] and z > STEEPEST:
+                planes[number, 0], planes[number, 1] = -x / z, -y / z
+                planes[number, 2] = (d + x * middle[0] + y * middle[1] + z * middle[2]) / z
+    return near
 
 
 def largest_only(owner: Labels, top: Integers) -> Labels:

@@ -82,7 +82,8 @@ function modelColours(way, { triangles, rows }) {
   const values = words(rows, name, way === 'failure' ? 'as asked for' : 'none');
   const known = { 'as asked for': '#7fa98f', none: LOD_COLOURS.none };
   for (const { lod, failure_code: code } of rows) if (way === 'failure' && code && (!lod || lod === '0')) known[code] = LOD_COLOURS.none; // as its footprint is drawn
-  const scale = setOf(distinct(values), { change: CHANGES, lod: LOD_COLOURS, trust: TRUST_COLOURS }[way] || known);
+  const inOrder = way === 'trust' ? Object.keys(TRUST_COLOURS).filter(word => values.includes(word)) : distinct(values);
+  const scale = setOf(inOrder, { change: CHANGES, lod: LOD_COLOURS, trust: TRUST_COLOURS }[way] || known);
   return { at: (number, row) => scale.colour(values[row]), legend: scale.legend };
 }
 
