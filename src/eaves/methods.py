@@ -150,7 +150,7 @@ class Method(BaseModel):
         if first["type"] == "extra_forbidden":
             known = ", ".join(cls.model_fields) or "none"
             near = get_close_matches(parameter, cls.model_fields, 1)
-            hint = f"did you mean '{near[0]}'? It has" if near else "it has"
+            hint = f"did you mean '{near[0]}'? it has" if near else "it has"
             return f"unknown parameter '{parameter}' of {method}; {hint}: {known}"
         rule = first["msg"][:1].lower() + first["msg"][1:]
         remedy = f"see `eaves methods {cls.stage}`"
