@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site package sources viewer kernels clean
+.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site showcase package sources kernels clean
 
 $(BIN)/eaves: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -63,9 +63,10 @@ kernels: $(BIN)/eaves
 qgis-plugin: $(BIN)/eaves
 	$(BIN)/python -m qgis.package dist
 
-# The viewer's two libraries in one file, which is kept in the sources; needs Node.js.
-viewer:
-	cd packaging/viewer && npm install --no-audit --no-fund --no-package-lock && npm run build
+# The page of a run as a folder for any web server: make showcase POINTS=delft.laz
+showcase: $(BIN)/eaves
+	$(BIN)/eaves build $(POINTS) -o showcase/run --overwrite
+	$(BIN)/eaves export showcase/run --site showcase/web
 
 wheels-check: $(BIN)/eaves
 	$(BIN)/python benchmarks/wheels_check.py

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -151,7 +152,9 @@ class Method(BaseModel):
         method = f"{cls.stage} method '{cls.name}'"
         if first["type"] == "extra_forbidden":
             known = ", ".join(cls.model_fields) or "none"
-            return f"unknown parameter '{parameter}' of {method}; it has: {known}"
+            near = get_close_matches(parameter, cls.model_fields, 1)
+            hint = f"did you mean '{near[0]}'? it has" if near else "it has"
+            return f"unknown parameter '{parameter}' of {method}; {hint}: {known}"
         rule = first["msg"][:1].lower() + first["msg"][1:]
         remedy = f"see `eaves methods {cls.stage}`"
         return f"parameter '{parameter}' of {method}: {rule}, not {first['input']!r}; {remedy}"

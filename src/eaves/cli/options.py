@@ -144,7 +144,7 @@ def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
                    one.option.sentence)  # fmt: skip
     if one.name in METHOD_OPTIONS:
         words = "A method's name, see `eaves methods`, or MODULE:CLASS of another."
-        words += " Or off." if one.name == "units" else ""
+        words += " With off, blocks stay whole." if one.name == "units" else ""
     default: Any = one.option.default
     kind: Any = str if "str" in one.words or "Sequence" in one.words else one.kind
     kind, default = (kind, default) if isinstance(default, bool | float | int) else (kind | None, None)

@@ -67,9 +67,19 @@ def simulate(
         typer.echo(message)
 
 
-def demo(out: Out = Path("demo-out"), quiet: Quiet = False, verbose: Verbose = False) -> None:
+def demo(
+    out: Out = Path("demo-out"),
+    real: Annotated[
+        bool,
+        typer.Option("--real", help="Fetch a small open tile (1 MB) and build it, if there is a network."),
+    ] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
     """Build a simulated town and evaluate it against its truth."""
     from eaves.cli.demo import run_demo
+    from eaves.cli.real_tile import run_real
 
     start_log(quiet, verbose)
-    raise typer.Exit(run_demo(out, run_display(quiet)))
+    status = run_real(out) if real else None
+    raise typer.Exit(run_demo(out, run_display(quiet)) if status is None else status)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import logging
 import os
 import time
@@ -31,6 +30,7 @@ from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footp
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
+from eaves.formats.errors import require_extra
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
@@ -218,8 +218,8 @@ def plan_run(
     recipe = recipe or recipe_of(options)
     parse_memory(options["memory"])
     check_formats(options["formats"], options["outputs"])
-    if options["steps"] and importlib.util.find_spec("matplotlib") is None:
-        raise InputError("--steps draws with matplotlib, which is missing; run: pip install 'eaves[plots]'")
+    if options["steps"]:
+        require_extra("plots")
     folder = Path(out)
     polygons = {name: Path(path) for name in POLYGONS if (path := options[name]) is not None}  # type: ignore[literal-required]
     asked: Any = options["bounds"]

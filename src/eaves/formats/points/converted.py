@@ -12,7 +12,7 @@ import laspy
 import numpy as np
 
 from eaves.formats.atomic import atomic
-from eaves.formats.errors import InputError
+from eaves.formats.errors import INSTALL, InputError
 from eaves.formats.points.raster_cells import is_raster, write_cells
 
 STEP = 0.001
@@ -96,7 +96,7 @@ def convert(path: Path, folder: Path, dtm: Path | None = None) -> Path:
         xyz = np.column_stack([np.asarray(columns[axis], np.float64) for axis in "xyz"])
     except ModuleNotFoundError:
         raise InputError.about(
-            path, f"is {extra.upper()}, which an extra reads", f"pip install 'eaves[{extra}]'"
+            path, f"is {extra.upper()}, which an extra reads", INSTALL.format(extra)
         ) from None
     except OSError as error:
         raise InputError.about(
