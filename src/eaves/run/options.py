@@ -125,7 +125,6 @@ class RunOptions(TypedDict, total=False):
         Option(
             "Raster of the terrain under a DSM that is given in place of points; cells of the DSM within "
             "0.3 m of it are the ground.",
-            panel="input",
         ),
     ]
     allow_empty: Annotated[
