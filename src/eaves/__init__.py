@@ -8,11 +8,14 @@ Names load their module when they are first used; `dir(eaves)` lists them all.
 >>> results = eaves.build("tile.laz", "out", jobs=2)                      # doctest: +SKIP
 """
 
+import functools
+
 import lazy_loader
 
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
+@functools.cache
 def __getattr__(name: str) -> object:
     """A public name, or the version, whose look-up takes longer than the rest of this import."""
     if name == "__version__":

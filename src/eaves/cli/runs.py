@@ -159,10 +159,11 @@ def run_build(
 
     start_log(quiet, verbose)
     with keep_all():
-        from eaves.report.build import build as build_files
-        from eaves.run.workers import import_pyogrio_alone
+        from eaves.run.workers import import_libraries_alone
 
-        import_pyogrio_alone()
+        import_libraries_alone()
+        from eaves.report.build import build as build_files
+
         recipe = read_recipe(options, given, ground_only)
     with run_display(quiet) as progress:
         return build_files(inputs, out, recipe, progress, allow_failures=True, **options)

@@ -12,10 +12,10 @@ from eaves.cli.runs import COMPLETE, INCOMPLETE, look_in_this_folder, progress_d
 
 
 def begin(quiet: bool, verbose: bool) -> None:
-    """Start the log, and import pyogrio without pandas, which would double the start."""
-    from eaves.run.workers import import_pyogrio_alone
+    """Start the log, and import libraries without what they bring along, which would double the start."""
+    from eaves.run.workers import import_libraries_alone
 
-    import_pyogrio_alone()
+    import_libraries_alone()
     start_log(quiet, verbose)
 
 

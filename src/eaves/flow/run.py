@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from glob import escape
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, Unpack
 
+import eaves
 from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
 from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
@@ -418,7 +418,7 @@ def describe_plan(
     bounds = options["bounds"]
     vegetation = recipe.vegetation if recipe.marks_vegetation else None
     return {
-        "version": version("eaves"),
+        "version": eaves.__version__,
         **index.describe(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),

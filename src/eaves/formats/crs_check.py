@@ -164,6 +164,7 @@ def vertical_datum(system: CoordinateSystem) -> dict[str, str | None]:
     }
 
 
+@lru_cache(maxsize=64)
 def geoid_is_missing(crs: pyproj.CRS) -> bool:
     """True if PROJ here lacks the geoid grid to convert heights of a compound system to ellipsoidal ones."""
     with warnings.catch_warnings():

@@ -7,10 +7,10 @@ import json
 import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import eaves
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic, clear_leftovers
 from eaves.run.tables import tables_of
@@ -216,7 +216,7 @@ def write_manifest(
     folder: Path, facts: Mapping[str, Any], files: Mapping[str, Entry], complete: bool
 ) -> None:
     """Write run.json, whole or not at all."""
-    words = {"version": version("eaves"), **facts, "complete": complete, "written": files}
+    words = {"version": eaves.__version__, **facts, "complete": complete, "written": files}
     with atomic(folder / MANIFEST) as temporary:
         temporary.write_text(json.dumps(words, indent=2, allow_nan=False), encoding="utf-8")
 

@@ -20,6 +20,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
+import numpy
+
 from eaves.formats.atomic import is_full
 from eaves.formats.errors import INSTALL
 from eaves.model.checks import error_line
@@ -311,18 +313,23 @@ def begin_worker(memory: int | None = None) -> None:
         PROCESS_SCORE.write_text("500", encoding="ascii")
     limit_memory(memory)
     collect_rarely()
-    import_pyogrio_alone()
+    import_libraries_alone()
 
 
-def import_pyogrio_alone() -> None:
-    """Import pyogrio without the data frames it would offer: pandas and geopandas cost most of a second.
+def import_libraries_alone() -> None:
+    """Import pyogrio without the data frames it would offer, and scipy without the translator of Fortran that
+    comes with a copy of all of numpy: pandas and geopandas cost most of a second, the translator .07.
 
-    For processes of our own only: a caller's process may want pyogrio's data frames later.
+    For processes of our own only, before either is imported: a caller's process may want them later.
     """
     hidden = [name for name in ("pandas", "geopandas", "pyarrow") if name not in sys.modules]
     sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]
+    lent = vars(numpy).setdefault("f2py")
     try:
         import pyogrio.raw  # noqa: F401
+        import scipy.ndimage  # noqa: F401
     finally:
         for name in hidden:
             del sys.modules[name]
+        if lent is None:
+            del numpy.f2py
