@@ -30,7 +30,7 @@ WALL_GAP_M = 0.1
 LAYERS = ("review", "doubts", "roof_planes", "walls", "footprints", "relief", "surface")
 IDS = {name: f"eaves_{name}_layer" for name in LAYERS}
 """QGIS gives a layer another id when its own has ten characters or fewer."""
-OFF = (IDS["review"], IDS["surface"])
+OFF = (IDS["review"], IDS["doubts"], IDS["surface"])
 """Layers that are there and not drawn when the project opens."""
 RASTERS = {"dtm": ("relief", "Relief"), "dsm": ("surface", "Relief with buildings and trees")}
 """By the name of their file, a layer and its title."""
