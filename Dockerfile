@@ -1,7 +1,8 @@
-# Built from the sources: docker build -t eaves . ; run: docker run --rm -v "$PWD:/data" eaves build tile.laz -o out
+# Built from the sources: docker build -t eaves . (a release: --build-arg SETUPTOOLS_SCM_PRETEND_VERSION=0.2.0); run: docker run --rm -v "$PWD:/data" eaves build tile.laz -o out
 FROM debian:bookworm-slim AS build
 RUN apt-get update && apt-get install -y --no-install-recommends python3-venv && rm -rf /var/lib/apt/lists/*
 COPY pyproject.toml README.md LICENSE /source/
+ARG SETUPTOOLS_SCM_PRETEND_VERSION=0.0.0
 COPY src /source/src
 RUN python3 -m venv /opt/eaves && /opt/eaves/bin/pip install --no-cache-dir --only-binary :all: \
     --no-binary eaves "/source[parquet]"

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site package sources viewer kernels clean
+.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site showcase package sources recipe released kernels clean
 
 $(BIN)/eaves: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -47,25 +47,37 @@ site: $(BIN)/eaves
 
 # A wheel for this Python on this system, the compiled kernels in it, and the source; needs a C compiler.
 package: $(BIN)/eaves
-	$(BIN)/pip install --quiet build hatchling setuptools
+	$(BIN)/pip install --quiet build hatchling hatch-vcs setuptools
 	HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 $(BIN)/python -m build --no-isolation
 
 # The source, and a wheel for any Python on any system, which compiles when it is first run.
 sources: $(BIN)/eaves
-	$(BIN)/pip install --quiet build hatchling
+	$(BIN)/pip install --quiet build hatchling hatch-vcs
 	$(BIN)/python -m build --no-isolation
+
+# Once, before the first release: pages and messages install from PyPI in place of the clone.
+released:
+	sed -i -E "s/install '\.\[/install 'eaves[/g; s/install \.( |$$|\`)/install eaves\1/; s/\`\.\[/\`eaves[/g" \
+	  README.md docs/start.md docs/guides/*.md docs/sources/README.md src/eaves/formats/errors.py
 
 # The same kernels beside the sources of this clone; a kernel that is changed is compiled when first called.
 kernels: $(BIN)/eaves
 	$(BIN)/pip install --quiet setuptools
 	$(BIN)/python packaging/kernels.py src/eaves
 
+# The plug-in site wants ADDRESS=https://… of the repository, and EMAIL=…
 qgis-plugin: $(BIN)/eaves
-	$(BIN)/python -m qgis.package dist
+	$(BIN)/python -m qgis.package dist $(ADDRESS) $(EMAIL)
 
-# The viewer's two libraries in one file, which is kept in the sources; needs Node.js.
-viewer:
-	cd packaging/viewer && npm install --no-audit --no-fund --no-package-lock && npm run build
+# The conda recipe of the source that `make sources` made.
+recipe:
+	sed -e "s/VERSION/$$(basename dist/eaves-*.tar.gz .tar.gz | cut -d- -f2)/" \
+	  -e "s/CHECKSUM/$$(sha256sum dist/eaves-*.tar.gz | cut -d' ' -f1)/" packaging/conda/meta.yaml > dist/meta.yaml
+
+# The page of a run as a folder for any web server: make showcase POINTS=delft.laz
+showcase: $(BIN)/eaves
+	$(BIN)/eaves build $(POINTS) -o showcase/run --overwrite
+	$(BIN)/eaves export showcase/run --site showcase/web
 
 wheels-check: $(BIN)/eaves
 	$(BIN)/python benchmarks/wheels_check.py

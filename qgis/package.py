@@ -1,7 +1,8 @@
 """Makes the forms of the plug-in from the commands and the registry, and the ZIP that QGIS installs.
 
 python -m qgis.package            forms.json only
-python -m qgis.package dist       and dist/eaves-qgis-VERSION.zip
+python -m qgis.package dist       and dist/eaves-qgis-VERSION.zip; after dist the address of the repository
+                                  and an email, without which the plug-in site takes none
 """
 
 from __future__ import annotations
@@ -114,7 +115,7 @@ def make_forms() -> dict[str, Any]:
             flag = "--method" if command == stage else "--units" if stage == "units" else f"--{stage}-method"
             made |= {"stage": stage, "method": name, "always": [flag, name], "help": help_of(cls)}
             tools.append(made)
-    return {"version": version("eaves"), "tools": tools}
+    return {"tools": tools}
 
 
 def tool(
@@ -239,7 +240,15 @@ def as_text(forms: dict[str, Any]) -> str:
     return json.dumps(forms, indent=0, ensure_ascii=False) + "\n"
 
 
-def write_plugin(folder: Path) -> Path:
+def metadata(address: str, email: str) -> str:
+    """metadata.txt with what only a release has: version, and where its makers are reached."""
+    facts = {"version": version("eaves"), "email": email, "homepage": address, "repository": address}
+    facts["tracker"] = f"{address}/issues" if address else ""
+    text = (PLUGIN / "metadata.txt").read_text("utf-8")
+    return text + "".join(f"{name}={value}\n" for name, value in facts.items())
+
+
+def write_plugin(folder: Path, address: str = "", email: str = "") -> Path:
     """Write the ZIP; the same sources give the same bytes."""
     path = folder / f"eaves-qgis-{version('eaves')}.zip"
     folder.mkdir(parents=True, exist_ok=True)
@@ -247,11 +256,13 @@ def write_plugin(folder: Path) -> Path:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in [*sources, PLUGIN.parents[1] / "LICENSE"]:
             entry = zipfile.ZipInfo(f"eaves/{file.name}", FIXED_DATE)
-            archive.writestr(entry, file.read_bytes(), zipfile.ZIP_DEFLATED)
+            published = file.name == "metadata.txt"
+            content = metadata(address, email).encode() if published else file.read_bytes()
+            archive.writestr(entry, content, zipfile.ZIP_DEFLATED)
     return path
 
 
 if __name__ == "__main__":
     (PLUGIN / "forms.json").write_text(as_text(make_forms()), encoding="utf-8")
-    for place in sys.argv[1:]:
-        print(write_plugin(Path(place)))
+    if sys.argv[1:]:
+        print(write_plugin(Path(sys.argv[1]), *sys.argv[2:]))

@@ -47,6 +47,16 @@ def test_examples_of_the_researchers_guide_run(tmp_path: Path, monkeypatch: pyte
     assert found.attempted > 10 and found.failed == 0
 
 
+@pytest.mark.parametrize("guide", ["analyst", "agency", "change", "researcher", "solar"])
+def test_the_loop_of_a_guide_names_every_building(
+    guide: str, nine_roofs_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (DOCS / "guides" / f"{guide}.md").read_text(encoding="utf-8")
+    loop = text.split("## Building by building")[1].split("```python")[1].split("```")[0]
+    exec(loop.replace("tile.laz", nine_roofs_file.as_posix()), {})
+    assert len([line for line in capsys.readouterr().out.splitlines() if line.startswith("b")]) == 9
+
+
 def test_the_python_of_the_start_writes_what_a_build_writes(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,6 +42,8 @@ from eaves.validate.fit_to_points import roof_faces
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.models"
+SMALL_M2, NARROW_M = 3.0, 0.5
+"""Roof faces that are smaller or narrower than this are counted: a draughtsman draws few of them."""
 METHODS: tuple[Reconstructor, ...] = (Arrangement(), PlaneIntersection(), Moments(), Prism())
 
 LOWEST_EAVES = 2.5
@@ -153,8 +155,8 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
     reconstruct_building(first.points, first.footprint, first.planes, first.ground, method)
     lods: Counter[str] = Counter()
     distance, rmse, volume, ridge, eaves = [], [], [], [], []
-    faces = invalid = high = 0
-    seconds = 0.0
+    invalid = high = 0
+    seconds, areas, widths = 0.0, [np.zeros(0)], [np.zeros(0)]
     for case in cases:
         start = time.process_time()
         model = reconstruct_building(case.points, case.footprint, case.planes, case.ground, method)
@@ -163,7 +165,9 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
         if isinstance(model, BuildingModel):
             lods[model.lod] += 1
             invalid += bool(validate_model(model))
-            faces += model.attributes["roof_face_count"]
+            plans = FaceTable.of_solids(model.solids[model.lod], ROOF_SURFACE).polygons()
+            areas.append(shapely.area(plans))
+            widths.append(2.0 * shapely.area(plans) / shapely.length(plans))
             high += model.attributes.get("fallback_code") == "base_too_high"
             away = np.abs(fit_roof(case.roof, roof_faces(model, model.lod)).distance)
             away = np.where(np.isfinite(away), away, np.inf)
@@ -189,7 +193,9 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
         "median m": float(np.median(every)),
         "RMSE mean": float(np.mean(rmse)),
         "RMSE median": float(np.median(rmse)),
-        "roof faces": faces,
+        "roof faces": len(np.concatenate(areas)),
+        "under 3 m²": int(np.sum(np.concatenate(areas) < SMALL_M2)),
+        "under .5 m wide": int(np.sum(np.concatenate(widths) < NARROW_M)),
         "volume error": float(np.median(volume)) if volume else None,
         "ridge error m": float(np.median(ridge)) if ridge else None,
         "eaves error m": float(np.median(eaves)) if eaves else None,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -133,6 +134,9 @@ class Method(BaseModel):
     """One sentence for `eaves methods`."""
     paper: ClassVar[str] = ""
     """Key in references.bib."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Fields of the points, beside coordinates, returns and classes, that a ground filter or a detector finds
+    in `PointCloud.fields`; they are read for it alone."""
 
     def __init__(self, **parameters: Any) -> None:
         try:
@@ -148,7 +152,9 @@ class Method(BaseModel):
         method = f"{cls.stage} method '{cls.name}'"
         if first["type"] == "extra_forbidden":
             known = ", ".join(cls.model_fields) or "none"
-            return f"unknown parameter '{parameter}' of {method}; it has: {known}"
+            near = get_close_matches(parameter, cls.model_fields, 1)
+            hint = f"did you mean '{near[0]}'? it has" if near else "it has"
+            return f"unknown parameter '{parameter}' of {method}; {hint}: {known}"
         rule = first["msg"][:1].lower() + first["msg"][1:]
         remedy = f"see `eaves methods {cls.stage}`"
         return f"parameter '{parameter}' of {method}: {rule}, not {first['input']!r}; {remedy}"
@@ -374,6 +380,10 @@ def check_contract(stage: str, cls: type[Any]) -> None:
         raise ContractError(f"{words} does not define {' and '.join(missing)}; see {place}")
     if not isinstance(getattr(cls, "name", None), str):
         raise ContractError(f'{words} has no name; give its class one: name = "{cls.__name__.lower()}"')
+    if cls.needs and stage not in ("ground", "detect"):
+        raise ContractError(
+            f"{words} needs {', '.join(cls.needs)}, which only ground and detect methods are given"
+        )
     ours = REGISTRY[stage].get(cls.name)
     if ours is not None and _imported(ours) is not cls:
         raise ContractError(f"{words} has the name of another, '{cls.name}'; give it one of its own")

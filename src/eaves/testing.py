@@ -21,7 +21,7 @@ from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import scene_of
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
-from eaves.simulate import nine_roofs_on_a_slope
+from eaves.simulate import coloured, nine_roofs_on_a_slope
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
 from eaves.units import divide_block
 
@@ -80,8 +80,8 @@ def check_method(method: type[Method] | Method, scene: ExactScene | None = None)
 
 @cache
 def default_scene() -> ExactScene:
-    """Nine roofs on a slope."""
-    return nine_roofs_on_a_slope(density=6.0, noise=0.02, seed=3)
+    """Nine roofs on a slope, with colours and intensity."""
+    return coloured(nine_roofs_on_a_slope(density=6.0, noise=0.02, seed=3))
 
 
 def require(held: bool, method: Method, law: str) -> None:
@@ -163,7 +163,7 @@ def moved_cloud(cloud: PointCloud, order: Order, shift: Points) -> PointCloud:
     """The points of a cloud in another order, moved (m)."""
     cloud = cloud.take(np.arange(len(cloud))[order])
     names = ("return_number", "number_of_returns", "classification")
-    arrays = {name: getattr(cloud, name) for name in names}
+    arrays: dict[str, Any] = {name: getattr(cloud, name) for name in names} | {"fields": cloud.fields}
     return PointCloud.from_world(cloud.xyz + [*cloud.origin, 0.0] + shift, **arrays)
 
 
@@ -281,10 +281,12 @@ ARGUMENTS: dict[str, Callable[[ExactScene], tuple[Any, ...]]] = {
 def result_of_few(method: Any, points: Points) -> None:
     """Run a method on a few points (N, 3)."""
     finite = points[np.isfinite(points).all(axis=1)]
+    cloud = PointCloud(points, fields={name: np.zeros(len(points)) for name in method.needs})
     if method.stage == "ground":
-        classify_ground(PointCloud(points), method)
+        classify_ground(cloud, method)
     elif method.stage == "detect" and len(finite):
-        detect_buildings(scene_of(classify_ground(PointCloud(finite)), Block(0, 0).bounds), method)
+        known = cloud.take(np.flatnonzero(np.isfinite(points).all(axis=1)))
+        detect_buildings(scene_of(classify_ground(known), Block(0, 0).bounds), method)
     elif method.stage == "outline":
         boundary = trace_outline(points, 0.5, method)
         if not isinstance(boundary, Failure):

@@ -59,10 +59,10 @@ def page_methods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Mo
     del sys.modules["my_methods"]
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_each_method_of_the_page_holds_the_laws(stage: str, page_methods: ModuleType) -> None:
-    assert method_class(stage, f"my_methods:{STAGES[stage]}").stage == stage
-    check_method(getattr(page_methods, STAGES[stage]))
+@pytest.mark.parametrize(("stage", "name"), [*STAGES.items(), ("detect", "NotGreen")])
+def test_each_method_of_the_page_holds_the_laws(stage: str, name: str, page_methods: ModuleType) -> None:
+    assert method_class(stage, f"my_methods:{name}").stage == stage
+    check_method(getattr(page_methods, name))
 
 
 def test_the_methods_of_the_page_find_and_model_the_nine_roofs(
@@ -133,6 +133,10 @@ NO_METHODS: dict[str, tuple[Any, str]] = {
         'detect method Nameless has no name; give its class one: name = "nameless"',
     ),
     "without a function": (Idle(), "detect method Idle does not define label; see eaves.detect:Detector"),
+    "with fields no stage gives": (
+        type("Seeing", (eaves.Prism,), {"needs": ("nir",), "__annotations__": {"needs": ClassVar[Any]}})(),
+        "needs nir, which only ground and detect methods are given",
+    ),
     "by the name of ours": (
         Namesake(),
         "detect method Namesake has the name of another, 'consensus'; give it",
@@ -144,7 +148,7 @@ NO_METHODS: dict[str, tuple[Any, str]] = {
 def test_what_is_no_method_is_refused_in_one_line(case: str) -> None:
     choice, words = NO_METHODS[case]
     with pytest.raises((ContractError, ValueError), match=words) as refusal:
-        eaves.make_recipe({"detect": choice})
+        eaves.make_recipe({"reconstruct" if case.startswith("with fields") else "detect": choice})
     assert "\n" not in str(refusal.value)
 
 

@@ -117,11 +117,12 @@ def test_obj_in_feet_is_in_feet(tmp_path: Path) -> None:
 def test_trimesh_reads_the_glb(tmp_path: Path, town: list[BuildingModel | Failure]) -> None:
     path = tmp_path / "town.glb"
     assert write_glb(path, iter(town), DUTCH) == 2
-    scene = trimesh.load(path)
+    scene = trimesh.load(path, merge_primitives=True)
     assert np.allclose(scene.bounds, [[0, 2, -10], [252, 9, 0]], atol=1e-5)
-    whole = scene.to_mesh()
-    whole.merge_vertices(merge_tex=True, merge_norm=True)
-    assert whole.is_watertight and whole.volume == pytest.approx(2 * COURT.area * 7.0, rel=1e-5)
+    for building in scene.geometry.values():
+        building.merge_vertices(merge_tex=True, merge_norm=True)
+        assert building.is_watertight and building.volume == pytest.approx(COURT.area * 7.0, rel=1e-5)
+    assert len(scene.geometry) == 2
     document, _ = read_glb(path)
     assert document["asset"]["extras"]["origin"] == [*ORIGIN, 0.0]
     assert document["asset"]["extras"]["crs"] == "EPSG:28992"

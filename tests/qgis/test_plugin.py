@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import zipfile
+from configparser import ConfigParser
 from importlib import util
 from pathlib import Path
 from types import ModuleType
@@ -70,6 +71,17 @@ def test_zip_holds_one_folder_and_is_the_same_every_time(tmp_path: Path) -> None
     names = zipfile.ZipFile(package.write_plugin(tmp_path)).namelist()
     assert {name.split("/")[0] for name in names} == {"eaves"}
     assert {"eaves/metadata.txt", "eaves/__init__.py", "eaves/forms.json", "eaves/LICENSE"} <= set(names)
+
+
+def test_metadata_has_all_that_the_plugin_site_asks_for(tmp_path: Path) -> None:
+    path = package.write_plugin(tmp_path, "https://example.org/eaves", "eaves@example.org")
+    parser = ConfigParser()
+    parser.read_string(zipfile.ZipFile(path).read("eaves/metadata.txt").decode())
+    facts = parser["general"]
+    asked = ("name", "description", "version", "qgisMinimumVersion", "author", "email", "about")
+    assert all(facts[name] for name in asked) and path.stem == f"eaves-qgis-{facts['version']}"
+    assert facts["tracker"] == "https://example.org/eaves/issues"
+    assert facts["repository"] == facts["homepage"] == "https://example.org/eaves"
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,8 @@ def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:
     both = np.concatenate([old, new])
     is_new = np.arange(len(both)) >= len(old)
     x, y, z = both["xyz"].T
-    columns = [x, y, z, *(both[name] for name in SAME[3:])]
+    others = both["fields"].T if "fields" in (both.dtype.names or ()) else ()
+    columns = [x, y, z, *(both[name] for name in SAME[3:]), *others]
     order = np.lexsort((is_new, *columns))
     starts = np.ones(len(both), bool)
     if len(both):

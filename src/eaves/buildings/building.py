@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from eaves.buildings.gather import cells_of, is_seen_beside
 from eaves.figures.attributes import measure_again
+from eaves.figures.trust import CELLS
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.methods import check_returned, naming
 from eaves.model import (
@@ -157,7 +158,7 @@ def building_pass(
     else:
         answer = answer if answer.lod == described else measure_again(answer)
         facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
-        facts |= ground_facts(footprint, building)
+        facts |= {"ground_source": CELLS} if recipe.from_raster else ground_facts(footprint, building)
         if building.given is None:
             facts |= outline_facts(footprint, building)
         answer = answer.with_(attributes={**answer.attributes, **facts})

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 Inputs = Annotated[
     list[str],
     typer.Argument(
-        help="LAS, LAZ, COPC, text, PLY, E57 or VPC files, folders, globs or URLs.", metavar="INPUT…"
+        help="LAS, LAZ, COPC, text, PLY, E57 or VPC files, folders, globs or URLs; or a DSM (GeoTIFF).",
+        metavar="INPUT…",
     ),
 ]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Path of the output.", rich_help_panel="output")]
@@ -143,7 +144,7 @@ def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
                    one.option.sentence)  # fmt: skip
     if one.name in METHOD_OPTIONS:
         words = "A method's name, see `eaves methods`, or MODULE:CLASS of another."
-        words += " Or off." if one.name == "units" else ""
+        words += " With off, blocks stay whole." if one.name == "units" else ""
     default: Any = one.option.default
     kind: Any = str if "str" in one.words or "Sequence" in one.words else one.kind
     kind, default = (kind, default) if isinstance(default, bool | float | int) else (kind | None, None)

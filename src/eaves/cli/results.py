@@ -102,7 +102,7 @@ def view(
         typer.Option(help="Folder of another run, to show side by side with linked views.", metavar="OUT2"),
     ] = None,
     serve: Annotated[
-        bool, typer.Option("--serve", help="Serve the 3D Tiles of a run of any size until Ctrl-C.")
+        bool, typer.Option("--serve", help="Serve the page of a run of any size until Ctrl-C.")
     ] = False,
     port: Annotated[
         int, typer.Option(help="With --serve: local port; 0: any free port.", min=0, max=65535)
@@ -111,7 +111,8 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     """Open the 3D page of a run. It is generated if missing; --serve shows runs of any size."""
-    from eaves.report.serve import make_site, serve_run
+    from eaves.report.serve import serve_run
+    from eaves.report.site import open_site
     from eaves.report.view import open_beside, open_report
 
     start_log(quiet, verbose)
@@ -119,7 +120,7 @@ def view(
         raise ValueError("--around, --beside, --serve: not together; give one of them")
     if serve:
         with suppress(KeyboardInterrupt):  # the way to end it
-            site = make_site(folder, basemap)
+            site = open_site(folder, again, basemap)
             serve_run(site, port, browser, lambda words: None if quiet else typer.echo(words))
         return
     if beside is None:
@@ -149,7 +150,9 @@ def export(
     ] = 300,
     site: Annotated[
         Path | None,
-        typer.Option(help="Write a 3D Tiles viewer as static files for any web server.", metavar="FOLDER"),
+        typer.Option(
+            help="Write the page of a run of any size as static files for a web server.", metavar="FOLDER"
+        ),
     ] = None,
     basemap: Basemap = None,
     formats: Annotated[
@@ -189,9 +192,9 @@ def export(
         path = plot_run(folder, out, picture, reference=reference, building=building, size_cm=size, dpi=dpi)
         lines.append(f"picture: {path}")
     if site is not None:
-        from eaves.report.serve import make_site, write_site
+        from eaves.report.site import write_site
 
-        lines.append(f"page: {write_site(make_site(folder, basemap), site)}, to be opened from a web server")
+        lines.append(f"page: {write_site(folder, site, basemap)}, to be opened from a web server")
     if not lines:
         raise ValueError("export: nothing is asked for; give --formats, --contours, --picture or --site")
     if not quiet:

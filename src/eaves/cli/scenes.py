@@ -28,6 +28,9 @@ def simulate(
         float, typer.Option(help="Number of trees, relative to an ordinary town.", min=0, max=10)
     ] = 1.0,
     clutter: Annotated[bool, typer.Option(help="Add vents, skylights, panels and balconies.")] = True,
+    colours: Annotated[
+        bool, typer.Option("--colours", help="Add intensity, red, green, blue and near infrared.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Random seed; the same seed gives the same bytes.", min=0)] = 0,
     model: Annotated[
         Path | None, typer.Option(help="Scan the buildings of this CityJSON file instead.")
@@ -54,17 +57,29 @@ def simulate(
     town: dict[str, object] = {"area_km2": area, "buildings": buildings, "terrain": terrain, "trees": trees}
     town |= {"style": style, "clutter": clutter, "model": model}
     scan = {"density": density, "noise": noise, "pattern": pattern}
+    if epochs and colours:
+        raise ValueError("--colours: of a town at two times no colours are drawn; leave one of both out")
     if epochs:
         message = run_epochs(out, town, scan, changed, new_density or density, seed, crs)
     else:
-        message = run_simulation(out, town, scan, seed, crs)
+        message = run_simulation(out, town, scan, seed, crs, colours)
     if not quiet:
         typer.echo(message)
 
 
-def demo(out: Out = Path("demo-out"), quiet: Quiet = False, verbose: Verbose = False) -> None:
+def demo(
+    out: Out = Path("demo-out"),
+    real: Annotated[
+        bool,
+        typer.Option("--real", help="Fetch a small open tile (1 MB) and build it, if there is a network."),
+    ] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
     """Build a simulated town and evaluate it against its truth."""
     from eaves.cli.demo import run_demo
+    from eaves.cli.real_tile import run_real
 
     start_log(quiet, verbose)
-    raise typer.Exit(run_demo(out, run_display(quiet)))
+    status = run_real(out) if real else None
+    raise typer.Exit(run_demo(out, run_display(quiet)) if status is None else status)

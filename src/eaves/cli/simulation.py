@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from eaves.simulate import (
     Survey,
+    coloured,
     later_survey,
     scan_town,
     simulate_epochs,
@@ -26,9 +27,15 @@ CHOICES = {"pattern": get_args(Pattern), "terrain": get_args(TerrainKind), "styl
 
 
 def run_simulation(
-    out: Path, town: Mapping[str, Any], scan: Mapping[str, Any], seed: int = 0, crs: str | None = None
+    out: Path,
+    town: Mapping[str, Any],
+    scan: Mapping[str, Any],
+    seed: int = 0,
+    crs: str | None = None,
+    colours: bool = False,
 ) -> str:
-    """Write a town and its scan to the folder `out`; one line with its contents.
+    """Write a town and its scan to the folder `out`, its points with or without `colours`; one line with its
+    contents.
 
     `town` holds the arguments of `simulate_town`, and `model`: a CityJSON file to scan instead, or None.
     `scan` holds those of `scan_town`; the pattern `scan` is another word for `lines`.
@@ -42,6 +49,7 @@ def run_simulation(
     scene = scan_town(drawn, **scan, seed=seed)
     if crs is not None and model is None:
         scene = scene.placed(crs)
+    scene = coloured(scene, seed) if colours else scene
     settings = {**town, **scan, "seed": seed, "model": None if model is None else model.name}
     settings["noise_m"] = settings.pop("noise")
     files = write_simulation(scene, out, settings)

@@ -29,6 +29,9 @@ DEFECT_LOSS = WEIGHTS["one"] + WEIGHTS["corners"] * HOUSE - float(np.log(HIGH / 
 SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
 
+CELLS = "surface raster"
+"""Source of a base, where points are cells of a DSM."""
+
 
 VEHICLE_WIDTH_M, VEHICLE_HEIGHT_M, VEHICLE_LENGTH_M = (2.55, 2.95), (2.2, 5.0), (7.5, 18.0)
 """Trailers and containers are 2.44 to 2.6 m wide, 2.6 to 4.2 m high and to 16.2 m long; outlines and tops
@@ -154,6 +157,8 @@ def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:
     wall = row.get("wall_certainty")
     if wall is not None and wall < LOW:
         yield f"a party wall of certainty {wall:.2f}"
+    if row.get("ground_source") == CELLS:
+        yield "its points are cells of a raster, which shows no wall and nothing under trees"
     if row.get("ground_source") in SEEN_FROM_AFAR:
         far = row.get("ground_distance_m")
         base = "is interpolated" if far is None else f"is that of ground {far} m away"

@@ -12,7 +12,8 @@ import shapely
 from eaves.detect.given_classes import GivenClasses
 from eaves.flow.exports import COPC
 from eaves.footprints.read import box_text
-from eaves.formats import InputError
+from eaves.formats import InputError, open_source
+from eaves.formats.points.source import check_fields
 from eaves.run.code import is_of_package, package_sources
 from eaves.run.memory import physical_memory, share_memory
 from eaves.run.options import METHOD_OPTIONS
@@ -56,6 +57,19 @@ def refuse_unknown_code(run: Run) -> None:
                 f"{stage} method {type(method).__qualname__}: has no source file, by which other processes "
                 "and later runs know it; put its class into a file, or leave jobs, keep and resume out"
             )
+
+
+def refuse_no_fields(run: Run) -> None:
+    """Check that every input has the fields of points that the methods need.
+
+    Raises
+    ------
+    InputError
+        When one lacks a field.
+    """
+    needs = run.recipe.needs
+    for number in range(len(run.index)) if needs else ():
+        check_fields(run.index.kept.get(number) or open_source(run.index.path(number), run.index.crs), needs)
 
 
 def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
@@ -124,7 +138,7 @@ def refuse_full_disk(run: Run) -> None:
     InputError
         When it has not.
     """
-    each = RECORD.itemsize + (COPIED_BYTES if copies_records(run) else 0)
+    each = RECORD.itemsize + 8 * len(run.recipe.needs) + (COPIED_BYTES if copies_records(run) else 0)
     needed = each * run.index.points if run.window == Window() else 0
     place = next(one for one in (run.folder.absolute(), *run.folder.absolute().parents) if one.is_dir())
     left = sum(path.stat().st_size for path in run.work_folder.rglob("*") if path.is_file())

@@ -119,7 +119,8 @@ class Region:
     def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
         """The keys of the points of some blocks, of those that have any."""
         keys = self.points_keys
-        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}")
+        others = "".join(f" {name}" for name in self.store.fields)
+        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{others}")
         return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
 
     def refuse(self, reason: str) -> NoReturn:
@@ -172,6 +173,7 @@ def store_of(run: Run) -> Store:
         has_returns=run.index.has_field("return_number"),
         has_classes=run.index.has_field("classification"),
         system=run.index.system,
+        fields=run.recipe.needs,
         outlasts=bool(run.options["keep"]),
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import logging
 import os
 import time
@@ -21,6 +20,7 @@ from eaves.flow.exports import COPC, check_formats, classified_name, planned_nam
 from eaves.flow.refusals import (
     refuse_full_disk,
     refuse_no_classes,
+    refuse_no_fields,
     refuse_no_points,
     refuse_small_memory,
     refuse_unknown_code,
@@ -30,13 +30,15 @@ from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footp
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
+from eaves.formats.errors import require_extra
 from eaves.formats.inputs import list_inputs
+from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
-from eaves.methods import name_of
+from eaves.methods import DEFAULTS, MethodChoice, name_of
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
-from eaves.recipe.recipe import Recipe, make_recipe
+from eaves.recipe.recipe import Recipe, is_named, make_recipe
 from eaves.recipe.sources import find_source
 from eaves.run.index import LISTED_INPUTS, Index, index_inputs
 from eaves.run.lock import LOCK
@@ -216,13 +218,19 @@ def plan_run(
     recipe = recipe or recipe_of(options)
     parse_memory(options["memory"])
     check_formats(options["formats"], options["outputs"])
-    if options["steps"] and importlib.util.find_spec("matplotlib") is None:
-        raise InputError("--steps draws with matplotlib, which is missing; run: pip install 'eaves[plots]'")
+    if options["steps"]:
+        require_extra("plots")
     folder = Path(out)
     polygons = {name: Path(path) for name in POLYGONS if (path := options[name]) is not None}  # type: ignore[literal-required]
     asked: Any = options["bounds"]
     sides = None if asked is None else (asked.west, asked.south, asked.east, asked.north)
-    local, traffic = localise(inputs, Path(options["cache"] or folder / REMOTE), sides, polygons.get("clip"))
+    rasters = list(filter(is_raster, [inputs] if isinstance(inputs, str | Path) else inputs))
+    if options["dtm"] is not None and not rasters:
+        raise InputError(f"--dtm {options['dtm']}: no input is a raster; give a DSM (.tif), or leave it out")
+    recipe = replace(recipe, from_raster=recipe.from_raster or bool(rasters))
+    dtm = None if options["dtm"] is None else Path(options["dtm"])
+    cache = Path(options["cache"] or folder / REMOTE)
+    local, traffic = localise(inputs, cache, sides, polygons.get("clip"), dtm)
     paths = list_inputs(local)
     refuse_collisions(folder, options["classified"], paths, list(polygons.values()))
     failed: list[str] = []
@@ -277,6 +285,7 @@ def plan_run(
         started=started,
     )
     refuse_unknown_code(run)
+    refuse_no_fields(run)
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
     refuse_small_memory(run)
@@ -295,12 +304,18 @@ def look_at_scan(run: Run) -> Run:
 
 
 def recipe_of(options: RunOptions) -> Recipe:
-    """The recipe that the options name."""
+    """The recipe that the options name. With a terrain the cells of a DSM come with the class of the ground;
+    buildings are detected all the same."""
+    methods: dict[str, MethodChoice] = {stage: options.get(stage) for stage in METHOD_OPTIONS}  # type: ignore[misc]
+    given = methods["detect"]
+    if options["dtm"] is not None and not is_named(given):
+        table = given if isinstance(given, Mapping) else {}
+        methods["detect"] = {"method": DEFAULTS["detect"], **table}
     return make_recipe(
-        {stage: options.get(stage) for stage in METHOD_OPTIONS},  # type: ignore[misc]
+        methods,
         source=options["source"],
         published=options["as_published"],
-        use_classes=options["use_classes"],
+        use_classes=options["use_classes"] or options["dtm"] is not None,
         lod=options["lod"],
         building_classes=options["building_classes"],
         ground_classes=options["ground_classes"],
@@ -411,6 +426,7 @@ def describe_plan(
         "as_published": options["as_published"],
         "methods": methods,
         "use_classes": recipe.use_classes,
+        "from_raster": recipe.from_raster,
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,
         "vegetation": None if vegetation is None else vegetation.model_dump(),
         "others": recipe.others,

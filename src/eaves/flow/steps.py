@@ -109,6 +109,7 @@ BUILDINGS = Step(
         "overhangs",
         "keeps_low",
         "snap_footprints",
+        "from_raster",
     ),
     earlier=load_buildings,
     booked="buildings",
@@ -119,7 +120,7 @@ EDITED = Step(
     takes=(REGIONS.around(1), Input(load=load_found)),
     see=see_orders,
     run=model_orders,
-    reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low"),
+    reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low", "from_raster"),
     booked="buildings",
     shown=True,
 )

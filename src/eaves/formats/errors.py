@@ -11,6 +11,8 @@ EXTRAS = {
     "plots": ("matplotlib", "pictures need matplotlib"),
 }
 """Library that an extra installs, and who needs it."""
+INSTALL = "pip install '.[{}]'"
+"""The command that installs an extra, in the clone that eaves is installed from; no index has it yet."""
 
 
 class InputError(ValueError):
@@ -36,4 +38,4 @@ def require_extra(extra: str) -> None:
     """Raise `InputError` when the library of an extra is missing."""
     library, need = EXTRAS[extra]
     if find_spec(library) is None:
-        raise InputError(f"{need}, which is missing; run: pip install 'eaves[{extra}]'")
+        raise InputError(f"{need}, which is missing; run: {INSTALL.format(extra)}")

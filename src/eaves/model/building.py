@@ -148,6 +148,10 @@ class RoofPlane:
     rmse: float
     polygon: Polygon | None = None
 
+    def __repr__(self) -> str:
+        slope, count = np.degrees(self.slope), len(self.members)
+        return f"RoofPlane({self.coefficients}, slope {slope:.1f}°, {count} points, rmse {self.rmse:.3f} m)"
+
     @property
     def normal(self) -> Values:
         """Unit normal (3,), pointing up."""
@@ -217,6 +221,9 @@ class Solid:
 
     vertices: Points
     faces: tuple[Face, ...]
+
+    def __repr__(self) -> str:
+        return f"Solid({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model.arrays import Integers, Mask, Points
+from eaves.model.arrays import Integers, Mask, Points, Values
 from eaves.model.block import Block, Bounds
 from eaves.model.checks import check_lengths, check_points
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
@@ -44,6 +45,9 @@ class PointCloud:
         Walls, trees and small regions (codes of `model.scene`) that a ground filter found.
     point_id : ndarray (N,) of int64 or None
         Position of each point in the input, counted through all files in order.
+    fields : mapping of str to ndarray (N,) of float64
+        What else the files hold of the points, where it was asked for: `intensity`, `red`, `green`, `blue`,
+        `nir`, `scan_angle` (degrees), `gps_time` (s), `point_source_id`, extra dimensions by their names.
     system : CoordinateSystem
         Reference system of the world coordinates.
     ordered : bool
@@ -72,12 +76,13 @@ class PointCloud:
     classification: NDArray[np.uint8] | None = None
     part: NDArray[np.uint8] | None = None
     point_id: Integers | None = None
+    fields: Mapping[str, Values] = field(default_factory=dict)
     system: CoordinateSystem = field(default=LOCAL_METRES)
     ordered: bool = False
 
     def __post_init__(self) -> None:
         check_points(self.xyz, "xyz")
-        check_lengths(len(self.xyz), {name: getattr(self, name) for name in ARRAYS})
+        check_lengths(len(self.xyz), {name: getattr(self, name) for name in ARRAYS} | dict(self.fields))
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -145,6 +150,8 @@ class PointCloud:
         arrays: dict[str, Any] = {
             name: one if one is None else one.take(index) for name, one in known.items()
         }
+        if self.fields:
+            arrays["fields"] = {name: values.take(index) for name, values in self.fields.items()}
         ordered = self.ordered and bool((index[1:] > index[:-1]).all())
         return replace(self, xyz=self.xyz.take(index, axis=0), **arrays, ordered=ordered)
 

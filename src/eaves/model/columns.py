@@ -40,7 +40,10 @@ COLUMNS: dict[str, Column] = {
     "roof_type": Column("Roof type", "", "flat, shed, gable, hip, pyramid or complex", str),
     "h_ground": Column("Ground above the datum", "m", "5th percentile of the terrain on the outline"),
     "ground_source": Column(
-        "Source of the base", "", "measured within 2 m of the outline, interpolated, or nearest ground", str
+        "Source of the base",
+        "",
+        "measured within 2 m of the outline, interpolated, nearest ground, or surface raster",
+        str,
     ),
     "ground_distance_m": Column("Distance of the ground", "m", "the base is from, where none is near"),
     "h_eaves": Column("Eaves above the datum", "m", "lowest corner of the main roof faces"),
@@ -58,7 +61,7 @@ COLUMNS: dict[str, Column] = {
     "free_wall_e_m2": Column("Wall to the east", "m²", "in the open, looking that way"),
     "free_wall_s_m2": Column("Wall to the south", "m²", "in the open, looking that way"),
     "free_wall_w_m2": Column("Wall to the west", "m²", "in the open, looking that way"),
-    "floor_storeys": Column("Storeys of the floor area", "", "floor area over footprint", int),
+    "floor_storeys": Column("Equivalent storeys", "", "floor area over area of the footprint", int),
     "floor_area_m2": Column("Floor area", "m²", "gross, by the map's storeys, else with attics 1.5 m clear"),
     "envelope_m2": Column("Envelope", "m²", "walls in the open, roof along its slopes, ground"),
     "envelope_per_volume": Column("Envelope over volume", "1/m", "small is compact"),
@@ -76,7 +79,7 @@ COLUMNS: dict[str, Column] = {
     "box_share": Column(
         "Share of the box", "", "of the least rectangle or circle around the outline, filled"
     ),
-    "hidden_share": Column("Hidden share", "", "share of the outline beside which no ground was seen"),
+    "hidden_share": Column("Occluded outline", "", "share of the outline with no ground points beside it"),
     "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured", bool),
     "building_id": Column("Building", "", "id of the building that the face belongs to", str),
     "slope_deg": Column("Slope", "°", "from the horizontal"),

@@ -31,6 +31,10 @@ class CoordinateSystem:
     vertical_unit_m: float = 1.0
     code: str | None = None
 
+    def __repr__(self) -> str:
+        name = self.code or (self.wkt or "no place on Earth").split(",")[0]
+        return f"CoordinateSystem({name}, units {self.horizontal_unit_m:g} and {self.vertical_unit_m:g} m)"
+
     @property
     def unit_m(self) -> tuple[float, float, float]:
         """Metres per unit along x, y, z."""

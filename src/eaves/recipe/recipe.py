@@ -72,6 +72,8 @@ class Recipe:
         The limits of a wall seen under a roof, at LoD 2.3.
     smallest : (float, float)
         Area (m²) and height (m) under which what a detector finds is no building.
+    from_raster : bool
+        True if points are cells of a surface raster, which lowers the trust in every building.
 
     Examples
     --------
@@ -93,11 +95,18 @@ class Recipe:
     others: bool = True
     overhangs: OverhangRules = OverhangRules()  # noqa: RUF009 (frozen)
     smallest: tuple[float, float] = (MIN_AREA_M2, MIN_HEIGHT_M)
+    from_raster: bool = False
 
     @property
     def buffer(self) -> float:
         """Width (m) of the surroundings a block is computed with: the largest of the methods'."""
         return max(self.ground.buffer, self.scene_buffer)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The fields of points that the methods need beside coordinates, returns and classes."""
+        detected = self.detect.needs if self.detect else ()
+        return tuple(sorted({*self.ground.needs, *detected}))
 
     @property
     def sees_wide(self) -> bool:

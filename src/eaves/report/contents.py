@@ -66,19 +66,52 @@ class Contents:
     origin: tuple[float, float]
     base: float
     system: CoordinateSystem
-    rows: list[dict[str, Any]]
-    polygons: list[Polygon | MultiPolygon]
-    faces: CityFaces
-    points: Sample
-    distance: Values
-    terrain: Raster
     buildings: int
     """Number of buildings that the run found, shown or not."""
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    polygons: list[Polygon | MultiPolygon] = field(default_factory=list)
+    faces: CityFaces = field(default_factory=lambda: CityFaces.of(()))
+    points: Sample = field(default_factory=Sample.empty)
+    distance: Values = field(default_factory=lambda: np.zeros(0))
+    terrain: Raster = field(default_factory=lambda: Raster(np.zeros((0, 0), np.float32), 0.0, 0.0, 1.0))
     run: dict[str, Any] = field(default_factory=dict)
     others: list[dict[str, Any]] = field(default_factory=list)
     """Rows of the buildings not shown."""
     basemap: Basemap | None = None
     """An aerial image over the terrain."""
+
+    def filled(
+        self,
+        rows: list[dict[str, Any]],
+        polygons: list[Polygon | MultiPolygon],
+        models: Path | None,
+        sample: Sample,
+        terrain: NDArray[np.float32],
+        bounds: Bounds | None,
+    ) -> Contents:
+        """The same frame with buildings, the file of their models where there is one, points and terrain, all
+        of them in world metres; the terrain lies in `bounds`."""
+        shift = np.array([*self.origin, self.base])
+        numbers = {str(row["id"]): number for number, row in enumerate(rows)}
+        faces = collect_city_faces(iter_cityjson(models) if models else (), numbers)
+        faces = replace(faces, table=faces.table.moved(-shift))
+        sample = sample.with_(xyz=sample.xyz - shift)
+        if not np.abs(sample.xyz).max(initial=0.0) < FARTHEST:
+            sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
+        west, north, cell = *self.origin, 1.0
+        if bounds is not None:
+            west, north, cell = bounds.west, bounds.north, bounds.width / terrain.shape[1]
+        return replace(
+            self,
+            rows=rows,
+            polygons=[shapely.transform(shape, lambda xy: xy - shift[:2]) for shape in polygons],
+            faces=faces,
+            points=sample,
+            distance=distances_to_roofs(sample, faces),
+            terrain=Raster(
+                terrain - np.float32(self.base), west - self.origin[0], north - self.origin[1], cell
+            ),
+        )
 
 
 def read_contents(
@@ -114,45 +147,40 @@ def read_contents(
     undrawn = [rows[k] for k in sorted(set(range(count)).difference(shown.tolist()))]
     polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
     window = drawn_window(polygons) if 0 < len(shown) < count else None
-    terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
+    terrain, bounds = read_terrain(terrain_file(folder), system, window)
     image = None if basemap is None else lay_image(folder, basemap, system, bounds)
     sample = sample_points(
         classified_files(folder), system, points, window, expected=points_of(rows), received=received
     )
     centre = middle_of(bounds, polygons, sample)
-    levels = terrain[np.isfinite(terrain)]
-    heights = levels if len(levels) else sample.xyz[:, 2]
-    base = float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
-    shift = np.array([*centre, base])
-
-    numbers = {str(row["id"]): number for number, row in enumerate(rows)}
-    models = folder / "buildings.city.jsonl"
-    faces = collect_city_faces(iter_cityjson(models) if models.exists() else (), numbers)
-    faces = replace(faces, table=faces.table.moved(-shift))
-    sample = sample.with_(xyz=sample.xyz - shift)
-    if not np.abs(sample.xyz).max(initial=0.0) < FARTHEST:
-        sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
-    west, north, cell = *centre, 1.0
+    base = base_of(terrain, sample)
     if bounds is not None:  # what lies outside of the run's --bounds is of no use
-        local = bounds.translated(-centre[0], -centre[1]).buffered(EDGE)
-        sample = sample.take(np.asarray(local.contains(sample.xyz)))
-        west, north, cell = bounds.west, bounds.north, bounds.width / terrain.shape[1]
-    return Contents(
+        sample = sample.take(np.asarray(bounds.buffered(EDGE).contains(sample.xyz)))
+    models = folder / "buildings.city.jsonl"
+    scene = Contents(
         folder=folder,
         origin=centre,
         base=base,
         system=system,
-        rows=rows,
-        polygons=[shapely.transform(shape, lambda xy: xy - shift[:2]) for shape in polygons],
-        faces=faces,
-        points=sample,
-        distance=distances_to_roofs(sample, faces),
-        terrain=Raster(terrain - np.float32(base), west - centre[0], north - centre[1], cell),
         buildings=count,
         others=undrawn,
         basemap=image,
         run=read_facts(folder),
     )
+    return scene.filled(rows, polygons, models if models.exists() else None, sample, terrain, bounds)
+
+
+def terrain_file(folder: Path) -> Path:
+    """The terrain of a run, of one computed by tiles the list of theirs; it need not exist."""
+    tiled = folder / "dtm.vrt"
+    return tiled if tiled.exists() else folder / "dtm.tif"
+
+
+def base_of(terrain: NDArray[np.float32], sample: Sample) -> float:
+    """The height (whole m) about which a scene is drawn: a low one of the terrain, or of the points."""
+    levels = terrain[np.isfinite(terrain)]
+    heights = levels if len(levels) else sample.xyz[:, 2]
+    return float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
 
 
 def lay_image(folder: Path, path: str | Path, system: CoordinateSystem, bounds: Bounds | None) -> Basemap:
@@ -170,7 +198,7 @@ def points_of(rows: list[dict[str, Any]]) -> int:
 def system_of_folder(folder: Path, named: bool = True) -> CoordinateSystem | None:
     """The reference system of a run, with its vertical unit, as its terrain has it; None without one. It
     has no code where it need not be `named` (`system_of`)."""
-    path = folder / "dtm.tif"
+    path = terrain_file(folder)
     if not path.exists():
         return None
     with warnings.catch_warnings():

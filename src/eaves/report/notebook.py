@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import shapely
@@ -18,6 +18,7 @@ import shapely
 from eaves.figures.rows import building_row, world_polygon
 from eaves.formats import iter_cityjson, read_polygons
 from eaves.formats.crs import horizontal_crs
+from eaves.formats.errors import INSTALL
 from eaves.formats.models.meshes import mesh_of
 from eaves.formats.vectors.geopackage import read_details
 from eaves.model import (
@@ -31,6 +32,10 @@ from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import collect_city_faces
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+    from trimesh import Trimesh
 
 FILE_DIGITS = 4
 """Decimals (m) of a file's corners; rounded to them, those of neighbouring faces are one."""
@@ -73,6 +78,10 @@ class Results(Summary):
     2
     """
 
+    def __repr__(self) -> str:
+        first = self.as_text().split("\n")[:2]
+        return "\n".join([f"Results in {self.folder}", *first])
+
     @classmethod
     def of(cls, summary: Summary) -> Self:
         """The same, with the tables, arrays and meshes."""
@@ -92,12 +101,12 @@ class Results(Summary):
         names = ", ".join(html.escape(path.name) for path in self.files)
         return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"
 
-    def footprints(self) -> Any:
-        """The footprints as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""
+    def footprints(self) -> GeoDataFrame:
+        """The footprints as a geopandas.GeoDataFrame (the extra `notebook`)."""
         return footprint_frame(self.folder)
 
-    def roof_planes(self) -> Any:
-        """The roof faces as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""
+    def roof_planes(self) -> GeoDataFrame:
+        """The roof faces as a geopandas.GeoDataFrame (the extra `notebook`)."""
         return footprint_frame(self.folder, "roof_planes")
 
     def point_arrays(self, building: int | None = None) -> Sample:
@@ -106,10 +115,10 @@ class Results(Summary):
             classified_files(self.folder), system_of_folder(self.folder) or LOCAL_METRES, building=building
         )
 
-    def meshes(self) -> dict[str, Any]:
-        """A trimesh.Trimesh of every building's finest model, by id (`pip install eaves[notebook]`), in m
+    def meshes(self) -> dict[str, Trimesh]:
+        """A trimesh.Trimesh of every building's finest model, by id (the extra `notebook`), in m
         about the building's lowest corner, which `metadata["origin"]` holds."""
-        trimesh = required_library("trimesh", "eaves[notebook]")
+        trimesh = required_library("trimesh")
         _, _, rows, _ = read_polygons(self.folder / "footprints.gpkg", layer="footprints")
         ids = [str(row["id"]) for row in rows]
         models = iter_cityjson(self.folder / "buildings.city.jsonl")
@@ -131,12 +140,11 @@ class Results(Summary):
 
 
 Outlined = Footprint | BuildingModel | Failure
-EXTRA = "eaves[notebook]"
 
 
 def to_geopandas(
     what: Summary | Outlined | Iterable[Outlined], system: CoordinateSystem = LOCAL_METRES
-) -> Any:
+) -> GeoDataFrame:
     """Footprints, models, failures or a run's results as a table of outlines.
 
     Parameters
@@ -164,7 +172,7 @@ def to_geopandas(
     >>> len(eaves.to_geopandas([building.model() for building in truth.buildings]))
     9
     """
-    geopandas = required_library("geopandas", EXTRA)
+    geopandas = required_library("geopandas")
     if isinstance(what, Summary):
         return footprint_frame(what.folder)
     several = [what] if isinstance(what, Footprint | BuildingModel | Failure) else list(what)
@@ -184,16 +192,16 @@ def to_geopandas(
     return geopandas.GeoDataFrame(rows, geometry=shapes, crs=horizontal_crs(system))
 
 
-def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
+def footprint_frame(folder: Path, layer: str = "footprints") -> GeoDataFrame:
     """A layer of a run as a geopandas.GeoDataFrame, in the run's reference system; footprints
     with all columns."""
-    read, path = required_library("geopandas", EXTRA).read_file, folder / "footprints.gpkg"
+    read, path = required_library("geopandas").read_file, folder / "footprints.gpkg"
     frame = read(path, layer=layer)
     has_details = layer == "footprints" and bool(read_details(path))
     return frame.merge(read(path, layer="attributes"), on="id", how="left") if has_details else frame
 
 
-def to_trimesh(model: BuildingModel) -> Any:
+def to_trimesh(model: BuildingModel) -> Trimesh:
     """The finest level of a model as a closed mesh, in metres about its footprint's origin.
 
     Parameters
@@ -220,7 +228,7 @@ def to_trimesh(model: BuildingModel) -> Any:
     >>> eaves.to_trimesh(nine_roofs_on_a_slope(density=1.0).buildings[0].model()).is_watertight
     True
     """
-    trimesh = required_library("trimesh", EXTRA)
+    trimesh = required_library("trimesh")
     mesh = mesh_of(model)
     if mesh is None:
         raise ValueError("the model has no solids; a failure or a model at LoD 0 has no mesh")
@@ -228,8 +236,8 @@ def to_trimesh(model: BuildingModel) -> Any:
     return trimesh.Trimesh(mesh.vertices, mesh.triangles, metadata=about, process=False)
 
 
-def required_library(name: str, remedy: str) -> Any:
-    """A library that is not needed elsewhere.
+def required_library(name: str) -> Any:
+    """A library of the extra `notebook`.
 
     Raises
     ------
@@ -239,4 +247,4 @@ def required_library(name: str, remedy: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        raise ImportError(f"{name} is not installed; pip install '{remedy}'") from None
+        raise ImportError(f"{name} is not installed; {INSTALL.format('notebook')}") from None

@@ -23,7 +23,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Integers, Points, Values
+from eaves.model import Integers, Points, Raster, Values
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
@@ -33,7 +33,7 @@ from eaves.report.surfaces import CityFace, CityFaces, in_pieces
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
-    *("colours", "table", "charts", "verdicts", "epochs", "network", "main", "events"),
+    *("colours", "table", "charts", "verdicts", "epochs", "network", "city", "main", "events"),
 )
 COLUMNS = {
     "id": "id",
@@ -89,10 +89,11 @@ def iter_page(
     words: dict[str, str] | None = None,
     data: dict[str, Any] | None = None,
     arrays: Iterable[tuple[str, NDArray[Any]]] | None = None,
+    lods: Iterable[int] | None = None,
 ) -> Iterator[str]:
     """The page piece by piece: all of it is several times as large as its largest array.
 
-    `words` of the page, its `data` and its `arrays` replace those of the contents.
+    `words` of the page, its `data`, its `arrays` and the levels of detail replace those of the contents.
     """
     folder = files("eaves.report").joinpath("page")
     parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
@@ -101,25 +102,26 @@ def iter_page(
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
     shown, total = len(contents.rows), contents.buildings
-    levels = {0, *contents.faces.lod.tolist()}
-    heading = f"{total:,} buildings" if shown == total else f"{total:,} buildings, {shown:,} of them drawn"
+    levels = {0, *contents.faces.lod.tolist()} if lods is None else set(lods)
     before, after = parts["page.html"].split("$data")
     said = dict(
         title=f"{title}buildings by eaves",
         headline=lines[0],
         shown=say_shown(contents),
+        heading=f"{total:,} buildings" + (f", {shown:,} of them drawn" if shown < total else ""),
     ) | (words or {})
     filled = {name: html.escape(value) for name, value in said.items()} | dict(
         style=parts["style.css"],
         script=script,
-        heading=heading,
         lods="".join(f"<option>{LODS[number]}</option>" for number in sorted(levels, reverse=True)),
         summary=html.escape(text),
         files=" · ".join(f"<a href='{name}'>{name}</a>" for name in linked_files(contents.folder)),
         run=html.escape(json.dumps(contents.run, indent=1, default=str)),
     )
     yield Template(before).substitute(filled)
-    yield from iter_data(page_data(contents) | (data or {}), arrays or iter_arrays(contents))
+    yield from iter_data(
+        page_data(contents) | (data or {}), iter_arrays(contents) if arrays is None else arrays
+    )
     yield Template(after).substitute(filled)
 
 
@@ -171,7 +173,6 @@ def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str,
     rows = [*contents.rows, *contents.others]
     filled = [name for name in titles if any(row.get(name) is not None for row in rows)]
     numbers = {name for name in filled if any(isinstance(row.get(name), int | float) for row in rows)}
-    terrain = contents.terrain
     return {
         "rows": contents.rows,
         "others": pack_rows(contents.others, [*filled, *CHARTED]),
@@ -184,16 +185,19 @@ def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str,
         "unit": contents.system.horizontal_unit_m,
         "basemap": contents.basemap.address if contents.basemap else None,
         "world": fit_web_mercator(
-            contents.system, contents.origin, max(1.0, abs(terrain.west), abs(terrain.north))
+            contents.system,
+            contents.origin,
+            max(1.0, abs(contents.terrain.west), abs(contents.terrain.north)),
         ),
-        "terrain": {
-            "rows": terrain.shape[0],
-            "columns": terrain.shape[1],
-            "cell": terrain.cell,
-            "west": terrain.west,
-            "north": terrain.north,
-        },
+        "terrain": describe_terrain(contents.terrain),
     }
+
+
+def describe_terrain(terrain: Raster) -> dict[str, float]:
+    """The grid of a terrain as the page takes it."""
+    rows, columns = terrain.shape
+    place = {"cell": terrain.cell, "west": terrain.west, "north": terrain.north}
+    return {"rows": rows, "columns": columns, **place}
 
 
 def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -47,6 +47,12 @@ class Sample:
     total: int = field(kw_only=True)
     on_buildings: int = field(default=0, kw_only=True)
 
+    @classmethod
+    def empty(cls) -> Sample:
+        """No points."""
+        nothing = (np.zeros(0, dtype) for dtype in (np.uint8, *EXTRA.values()))
+        return cls(np.zeros((0, 3)), *nothing, total=0)
+
     def __len__(self) -> int:
         return len(self.xyz)
 
@@ -54,8 +60,8 @@ class Sample:
         """A copy with some fields replaced."""
         return replace(self, **changes)
 
-    def take(self, which: Mask) -> Sample:
-        """The points where the mask (N,) is true."""
+    def take(self, which: Mask | Integers) -> Sample:
+        """The points where a mask (N,) is true, or of these numbers."""
         return self.with_(**{name: getattr(self, name)[which] for name in ARRAYS})
 
 
@@ -168,8 +174,7 @@ def sample_points(
     crossing = [layout for layout in layouts if bounds is None or _crosses(layout, bounds, system)]
     candidates = sum(layout.count for layout in crossing)
     thinning = Thinning.of(candidates, limit, expected)
-    nothing = (np.zeros(0, dtype) for dtype in (np.uint8, *EXTRA.values()))
-    pieces = [Sample(np.zeros((0, 3)), *nothing, total=0)]
+    pieces = [Sample.empty()]
     on_buildings = 0
     unfiltered = bounds is None and building is None
     batches = received.pieces(crossing, thinning) if received is not None and unfiltered else None

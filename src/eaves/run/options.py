@@ -120,6 +120,13 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     clip: Annotated[str | Path | None, Option("File of polygons; points outside are not used.", again=True)]
+    dtm: Annotated[
+        str | Path | None,
+        Option(
+            "Raster of the terrain under a DSM that is given in place of points; cells of the DSM within "
+            "0.3 m of it are the ground.",
+        ),
+    ]
     allow_empty: Annotated[
         bool,
         Option(

@@ -25,7 +25,7 @@ from eaves.model.cloud import GRID_STEP, canonical_order
 from eaves.run.code import package_sources
 from eaves.run.index import Index
 from eaves.run.keys import key_of
-from eaves.run.store import RECORD, Store
+from eaves.run.store import Store
 from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
@@ -113,7 +113,8 @@ def file_slices(index: Index) -> list[FileSlice]:
 def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> str:
     """The key of all that the points of a part follow from."""
     code = package_sources().digest([__name__])
-    return key_of(code, store.system, part.mark, part.first, part.k, part.n, part.crs, side, window)
+    place = (part.mark, part.first, part.k, part.n, part.crs, side, window)
+    return key_of(code, store.system, *place, *store.fields)
 
 
 def known_parts(store: Store, keys: Mapping[str, str]) -> dict[str, PartMark]:
@@ -186,7 +187,8 @@ def partition_slice(
             # all points but a COPC file's are decompressed anyway: those outside tell whether the header lies
             bounds = window.bounds if source.kind == "copc" else None
             copy = writer.copy() if copied and source.kind in ("laz", "copc") and bounds is None else None
-            for chunk in iter_chunks(source, bounds, part=(part.k, part.n), copy=copy):
+            share = part.k, part.n
+            for chunk in iter_chunks(source, bounds, part=share, copy=copy, fields=store.fields):
                 box = Bounds.of(chunk.xyz)
                 seen = box if seen is None else seen.union(box)
                 partition_chunk(chunk, part.first, side, window, writer)
@@ -213,7 +215,7 @@ def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, write
     if not usable.any():
         return
     used = chunk if usable.all() else chunk.take(usable)
-    records = np.zeros(len(used), RECORD)
+    records = np.zeros(len(used), writer.record)
     # the block follows from the rounded place: it counts from the block's corner and lies short of its end
     east, north, height = (np.rint(column / GRID_STEP) for column in used.xyz.T)
     steps = round(side / GRID_STEP)
@@ -225,6 +227,8 @@ def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, write
     for name, missing in (("return_number", 1), ("number_of_returns", 1), ("classification", 0)):
         values = getattr(used, name)
         records[name] = missing if values is None else values
+    for number, values in enumerate(used.fields.values()):
+        records["fields"][:, number] = values
     place = (column - column.min()) * (int(np.ptp(row)) + 1) + row - row.min()
     if int(place.max()) < 2**16:  # so few blocks: sixteen bits sort by radix, twenty times as fast
         place = place.astype(np.uint16)
@@ -243,6 +247,11 @@ class SliceWriter:
         self._hidden = f".{name}-{uuid.uuid4().hex}"
         self._blocks: set[str] = set()
         self._copy: BinaryIO | None = None
+
+    @property
+    def record(self) -> np.dtype[np.void]:
+        """The layout of a point."""
+        return self._store.record
 
     def copy(self) -> BinaryIO:
         """The file of the part's records as they are."""
@@ -273,7 +282,7 @@ class SliceWriter:
         written = {}
         for block in sorted(self._blocks):
             path = self._store.folder / "points" / block / self._hidden
-            records = np.fromfile(path, RECORD)
+            records = np.fromfile(path, self.record)
             order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
             data = records.take(order).view(np.uint8).data
             with path.open("rb+") as file:

@@ -104,6 +104,7 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
     arrays = {name: np.empty(total, RECORD[name]) for name, wanted in fields.items() if wanted}
     xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
     ordered = len(seen) == len({near for near, *_ in seen})
+    others = np.empty((total, len(store.fields)))
     for near, records, which, first in seen:
         right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, block.origin))
         ordered &= right % PER_METRE == 0 == up % PER_METRE
@@ -112,7 +113,12 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
         number[place] = which + first
         for name, values in arrays.items():
             values[place] = records[name].take(which)
-    cloud = PointCloud(xyz, block.origin, **arrays, system=store.system, ordered=ordered)
+        if store.fields:
+            others[place] = records["fields"].take(which, axis=0)
+    others_by_name = dict(zip(store.fields, others.T, strict=True))
+    cloud = PointCloud(
+        xyz, block.origin, **arrays, fields=others_by_name, system=store.system, ordered=ordered
+    )
     order = cloud.canonical_order()
     return PointWindow(block, replace(cloud.take(order), ordered=True), number.take(order), ranges, ends)
 
@@ -124,7 +130,11 @@ def load_points(store: Store, block: Block) -> tuple[NDArray[Any], bool]:
 
 def load_scans(store: Store, block: Block) -> list[tuple[int, NDArray[Any]]]:
     """The points of a block as they were read, those of each file with the number of its input."""
-    return [(scan, records) for scan, path in store.scan_files(block) for records in map_records([path])]
+    return [
+        (scan, records)
+        for scan, path in store.scan_files(block)
+        for records in map_records([path], store.record)
+    ]
 
 
 @kernel

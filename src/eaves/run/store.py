@@ -34,7 +34,8 @@ RECORD = np.dtype(
         ("classification", "u1"),
     ]
 )
-"""A point between reading and the block pass: coordinates in quanta about its block's corner."""
+"""A point between reading and the block pass: coordinates in quanta about its block's corner. Where methods
+need other fields of the points, `fields` (K,) holds them."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
@@ -49,8 +50,16 @@ class Store:
     has_returns: bool = True
     has_classes: bool = True
     system: CoordinateSystem = CoordinateSystem()  # noqa: RUF009 (frozen)
+    fields: tuple[str, ...] = ()
+    """Other fields of the points that methods need."""
     outlasts: bool = False
     """True if a later run may find the results; only then it is worth knowing what they follow from."""
+
+    @property
+    def record(self) -> np.dtype[np.void]:
+        """The layout of a point."""
+        fields = [("fields", "<f8", len(self.fields))] if self.fields else []
+        return np.dtype([*RECORD.descr, *fields]) if fields else RECORD
 
     def key_of(self, *taken: Any) -> str:
         """The key of what a step takes from the files it reads; empty in a store that does not outlast its
@@ -99,7 +108,9 @@ class Store:
     def count_points(self, block: Block) -> int:
         """Number of points that a block holds."""
         files = self.points_path(block).glob("*.bin")
-        return sum(file.stat().st_size for file in files) // RECORD.itemsize - len(self.superseded(block))
+        return sum(file.stat().st_size for file in files) // self.record.itemsize - len(
+            self.superseded(block)
+        )
 
     def superseded(self, block: Block) -> NDArray[np.int64]:
         """Ids (K,) of the points of a block that later ones have taken the place of."""
@@ -117,7 +128,7 @@ class Store:
 
     def map_points(self, block: Block) -> list[NDArray[np.void]]:
         """The records of a block's points, an array a file; of a file no more is read than is looked at."""
-        files = map_records([path for _, path in self.scan_files(block)])
+        files = map_records([path for _, path in self.scan_files(block)], self.record)
         ids = self.superseded(block)
         return [records[~np.isin(records["point_id"], ids)] for records in files] if len(ids) else files
 
@@ -217,9 +228,9 @@ class Store:
                 path.unlink()
 
 
-def map_records(paths: Sequence[Path]) -> list[NDArray[np.void]]:
+def map_records(paths: Sequence[Path], record: np.dtype[np.void] = RECORD) -> list[NDArray[np.void]]:
     """The records of some files, an array each, of which no more is read than is looked at."""
-    return [np.asarray(np.memmap(path, RECORD, "c")) for path in paths if path.stat().st_size]
+    return [np.asarray(np.memmap(path, record, "c")) for path in paths if path.stat().st_size]
 
 
 def join_records(some: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
@@ -228,4 +239,4 @@ def join_records(some: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
         return some[0]
     # numpy joins records field by field, many times as slowly
     data = [np.zeros(0, np.uint8), *(records.view(np.uint8) for records in some)]
-    return np.concatenate(data).view(RECORD)
+    return np.concatenate(data).view(some[0].dtype if some else RECORD)

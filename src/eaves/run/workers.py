@@ -23,6 +23,7 @@ from typing import Any, Self, TypeVar
 import numpy
 
 from eaves.formats.atomic import is_full
+from eaves.formats.errors import INSTALL
 from eaves.model.checks import error_line
 from eaves.run.garbage import collect_rarely
 from eaves.run.memory import REMEDY, limit_memory, share_memory
@@ -247,7 +248,7 @@ class Workers:
             from distributed import Client
             from distributed import as_completed as completed
         except ImportError:
-            raise ValueError("--scheduler needs the cluster extra; pip install 'eaves[cluster]'") from None
+            raise ValueError(f"--scheduler needs the cluster extra; {INSTALL.format('cluster')}") from None
         if self._client is None:
             self._client = Client(self.scheduler)
         threads = sum(self._client.nthreads().values())

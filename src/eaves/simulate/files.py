@@ -36,10 +36,10 @@ def write_simulation(
 ) -> dict[str, Path]:
     """Write a scene to a folder. The same scene gives the same bytes.
 
-    points.laz: LAS 1.4, format 6; the class of a point is its true one, and the extra dimensions
-    `building_id` and `plane_id` are the numbers of its building and roof face (0: none). reference.city.json:
-    the true models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`. simulation.json: the
-    settings, and counts.
+    points.laz: LAS 1.4, format 6, or 8 for points with colours; the class of a point is its true one, and
+    the extra dimensions `building_id` and `plane_id` are the numbers of its building and roof face (0: none).
+    reference.city.json: the true models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`.
+    simulation.json: the settings, and counts.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def undated() -> Iterator[None]:
 
 def _write_cloud(scene: ExactScene, path: Path) -> None:
     cloud = scene.cloud
-    header = laspy.LasHeader(point_format=6, version="1.4")
+    header = laspy.LasHeader(point_format=8 if "nir" in cloud.fields else 6, version="1.4")
     header.creation_date = UNDATED
     header.system_identifier, header.generating_software = "SIMULATION", "eaves simulate"
     unit = np.array(cloud.system.unit_m)
@@ -121,6 +121,8 @@ def _write_cloud(scene: ExactScene, path: Path) -> None:
     las.x, las.y, las.z = world.T
     if cloud.return_number is not None and cloud.number_of_returns is not None:
         las.return_number, las.number_of_returns = cloud.return_number, cloud.number_of_returns
+    for name, values in cloud.fields.items():
+        las[name] = np.clip(values, 0, 65535).astype(np.uint16)
     las.classification = scene.truth_class
     las.building_id, las.plane_id = scene.building.astype(np.uint32), scene.plane.astype(np.uint32)
     if scene.strip is not None and scene.time_s is not None:

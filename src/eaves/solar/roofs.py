@@ -38,7 +38,7 @@ class SolarRules:
     """Places that get this share of what the best tilted plane in the open gets, and more, are used: level
     roofs do, and those to the east and west; steep ones to the north and dark courts do not."""
     efficiency: float = 0.2
-    """Share of the light that a module turns into current …"""
+    """Share of the light that a module turns into electricity …"""
     performance: float = 0.8
     """… and of that the share which reaches the meter: heat, wires, inverter, dirt."""
 

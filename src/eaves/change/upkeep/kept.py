@@ -174,6 +174,7 @@ def kept_recipe(plan: dict[str, Any], named: Collection[str] = ()) -> Recipe:
     return Recipe(
         **methods,
         use_classes=plan["use_classes"],
+        from_raster=bool(plan.get("from_raster")),
         lod=plan["lod"],
         ground_classes=tuple(plan.get("ground_classes") or (2,)),
         vegetation=None if vegetation is None else VegetationRules(**vegetation),

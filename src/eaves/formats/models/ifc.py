@@ -1,4 +1,4 @@
-"""Buildings as IFC 4 for BIM programs, by IfcOpenShell (`pip install 'eaves[ifc]'`; LGPL, an extra for it).
+"""Buildings as IFC 4 for BIM programs, by IfcOpenShell (the extra `ifc`; LGPL, an extra for it).
 
 A site with an IfcBuilding for each building; its solids at the finest level are closed IfcPolygonalFaceSets,
 its attributes a property set. Metres; IfcMapConversion and IfcProjectedCRS say where the site lies.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model import Integers, Mask, Points
+from eaves.model import Integers, Mask, Points, Values
 
 FARTHEST = (2e8, 2e8, 1e5)
 """The largest coordinates of any survey, in metres or feet: false eastings with a zone reach 6e7 m."""
@@ -28,6 +29,8 @@ class Chunk:
         The dimensions of these names, where the file has them.
     withheld : ndarray (N,) of bool or None
         Points that the file flags as withheld.
+    fields : mapping of str to ndarray (N,) of float64
+        The other fields that were asked for.
 
     Examples
     --------
@@ -43,13 +46,15 @@ class Chunk:
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
     withheld: Mask | None = None
+    fields: Mapping[str, Values] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.xyz)
 
     def take(self, which: Mask) -> Chunk:
         """The points where the mask (N,) is true."""
+        fields = {name: values[which] for name, values in self.fields.items()}
         arrays: dict[str, Any] = {
-            name: one if one is None else one[which] for name, one in vars(self).items()
+            name: one if one is None else one[which] for name, one in vars(self).items() if name != "fields"
         }
-        return Chunk(**arrays)
+        return Chunk(**arrays, fields=fields)

@@ -1,4 +1,5 @@
-"""PLY and E57 files, read by the libraries of these formats and kept as LAZ, which every later step reads."""
+"""PLY and E57 files, read by the libraries of these formats, and rasters of heights: kept as LAZ, which every
+later step reads."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ import laspy
 import numpy as np
 
 from eaves.formats.atomic import atomic
-from eaves.formats.errors import InputError
+from eaves.formats.errors import INSTALL, InputError
+from eaves.formats.points.raster_cells import is_raster, write_cells
 
 STEP = 0.001
 """Resolution of the coordinates (units of the file)."""
@@ -58,26 +60,43 @@ READERS: dict[str, tuple[str, Callable[[Path], Columns]]] = {
 """The extra that brings the library, and the reader, by suffix."""
 
 
-def convert(path: Path, folder: Path) -> Path:
-    """The LAZ file, in a folder, of a PLY or E57 file; one that is there is used again.
+def is_converted(path: str | Path) -> bool:
+    """True if a file is kept as LAZ before it is read, by its suffix."""
+    return is_raster(path) or Path(path).suffix.lower() in READERS
+
+
+def convert(path: Path, folder: Path, dtm: Path | None = None) -> Path:
+    """The LAZ file, in a folder, of a PLY or E57 file, or of a raster of heights with or without the terrain;
+    one that is there is used again.
 
     Raises
     ------
     InputError
         When the library is missing, or the file is damaged or has no points.
     """
-    extra, reader = READERS[path.suffix.lower()]
     try:
-        facts = path.stat()
-        known = f"{path.resolve()} {facts.st_size} {facts.st_mtime_ns}"
+        read = [path] if dtm is None or not is_raster(path) else [path, dtm]
+        facts = [(str(one.resolve()), one.stat().st_size, one.stat().st_mtime_ns) for one in read]
+        known = " ".join(f"{place} {size} {changed}" for place, size, changed in facts)
         made = folder / f"{path.stem}-{hashlib.sha256(known.encode()).hexdigest()[:16]}.laz"
         if made.exists():
             return made
+    except OSError as error:
+        raise InputError.about(
+            path, f"cannot be read ({error.strerror or error})", "check the path"
+        ) from None
+    if is_raster(path):
+        folder.mkdir(parents=True, exist_ok=True)
+        with atomic(made) as temporary:
+            write_cells(path, temporary, dtm)
+        return made
+    extra, reader = READERS[path.suffix.lower()]
+    try:
         columns = reader(path)
         xyz = np.column_stack([np.asarray(columns[axis], np.float64) for axis in "xyz"])
     except ModuleNotFoundError:
         raise InputError.about(
-            path, f"is {extra.upper()}, which an extra reads", f"pip install 'eaves[{extra}]'"
+            path, f"is {extra.upper()}, which an extra reads", INSTALL.format(extra)
         ) from None
     except OSError as error:
         raise InputError.about(

@@ -3,11 +3,15 @@ read."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial, reduce
+from operator import or_
 from pathlib import Path
 from typing import BinaryIO
 
+import laspy
 import lazrs
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +26,7 @@ from eaves.formats.points.laz import (
     read_by_laszip,
     read_chunk_table,
 )
-from eaves.model import Integers, Mask, Rectangle
+from eaves.model import Integers, Mask, Rectangle, Values
 
 NEEDED = (
     lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL
@@ -30,6 +34,18 @@ NEEDED = (
     | lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION
     | lazrs.SELECTIVE_DECOMPRESS_FLAGS
 )
+LAYERS_OF = {
+    "intensity": lazrs.SELECTIVE_DECOMPRESS_INTENSITY,
+    "scan_angle": lazrs.SELECTIVE_DECOMPRESS_SCAN_ANGLE,
+    "point_source_id": lazrs.SELECTIVE_DECOMPRESS_POINT_SOURCE_ID,
+    "gps_time": lazrs.SELECTIVE_DECOMPRESS_GPS_TIME,
+    **dict.fromkeys(("red", "green", "blue"), lazrs.SELECTIVE_DECOMPRESS_RGB),
+    "nir": lazrs.SELECTIVE_DECOMPRESS_NIR,
+}
+"""Other fields of points and what is decompressed for them; of extra dimensions it is `EXTRA`."""
+EXTRA = lazrs.SELECTIVE_DECOMPRESS_ALL_EXTRA_BYTES
+SCAN_ANGLES = {"scan_angle_rank": 1.0, "scan_angle": 0.006}
+"""Dimension → unit (degrees), by LAS 1.4, tables 7 and 16."""
 EVERYTHING = lazrs.SELECTIVE_DECOMPRESS_ALL
 WHOLE = (0, 1)
 """The one part of a file that is not shared."""
@@ -43,13 +59,43 @@ def iter_las(
     size: int,
     part: tuple[int, int] = WHOLE,
     copy: BinaryIO | None = None,
+    fields: Sequence[str] = (),
 ) -> Iterator[Chunk]:
     """Chunks of about `size` points; with a rectangle (west, south, east, north), of COPC only the nodes
-    it meets. `copy` receives the records, whole."""
-    for position, records in iter_records(header, size, rectangle, EVERYTHING if copy else NEEDED, part):
+    it meets. `copy` receives the records, whole; `fields` are read as well."""
+    selection = reduce(or_, (LAYERS_OF.get(name, EXTRA) for name in fields), NEEDED)
+    known = readable_fields(header) if fields else {}
+    for position, records in iter_records(header, size, rectangle, EVERYTHING if copy else selection, part):
         if copy is not None:
             copy.write(records.data)
-        yield decode_records(header, position, records)
+        chunk = decode_records(header, position, records)
+        yield replace(chunk, fields={name: known[name](records) for name in fields}) if fields else chunk
+
+
+def readable_fields(header: LasHeader) -> dict[str, Callable[[NDArray[np.uint8]], Values]]:
+    """The fields of a file beside coordinates, returns and class, each with what takes its values (N,) out of
+    records (N, record length).
+
+    Raises
+    ------
+    InputError
+        When the records that describe the extra dimensions are damaged.
+    """
+    try:
+        with header.path.open("rb") as file:
+            layout = laspy.LasHeader.read_from(file).point_format
+    except Exception as error:  # laspy raises whatever its parts raise
+        raise InputError.about(header.path, f"its fields are not described ({error})", COPY_AGAIN) from None
+    record = layout.dtype()
+
+    def values_of(name: str, records: NDArray[np.uint8]) -> Values:
+        whole = np.ascontiguousarray(records[:, : record.itemsize]).reshape(-1).view(record)
+        values = np.asarray(laspy.PackedPointRecord(whole, layout)[name], np.float64)
+        return values * SCAN_ANGLES.get(name, 1.0)
+
+    there = {*LAYERS_OF, *SCAN_ANGLES, *layout.extra_dimension_names}
+    names = [name for name in record.names or () if name in there and record[name].ndim == 0]
+    return {"scan_angle" if name in SCAN_ANGLES else name: partial(values_of, name) for name in names}
 
 
 def iter_records(

@@ -14,7 +14,7 @@ import numpy as np
 from laspy.errors import LaspyException
 from numpy.typing import NDArray
 
-from eaves.formats.errors import InputError
+from eaves.formats.errors import INSTALL, InputError
 from eaves.formats.points.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AGAIN, LasHeader
 from eaves.model import Integers, Rectangle
 
@@ -164,7 +164,7 @@ def read_by_laszip(header: LasHeader, size: int) -> Iterator[tuple[Integers, NDA
         raise InputError.about(
             header.path,
             "is compressed in LASzip's newest way, which an extra reads",
-            "pip install 'eaves[laszip]'",
+            INSTALL.format("laszip"),
         )
     first = 0
     try:

@@ -27,7 +27,7 @@ from laspy.errors import LaspyException
 from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
 from eaves.formats.inputs import LAS_SUFFIXES
-from eaves.formats.points.converted import READERS, convert
+from eaves.formats.points.converted import convert, is_converted
 from eaves.model import Rectangle
 
 SCHEMES = ("http", "https")
@@ -197,6 +197,7 @@ def localise(
     folder: Path,
     bounds: Rectangle | None = None,
     clip: Path | None = None,
+    dtm: Path | None = None,
 ) -> tuple[list[str | Path], Traffic]:
     """The inputs with a local file in the place of each address and each list.
 
@@ -205,7 +206,7 @@ def localise(
     inputs : str, Path or sequence of them
         Paths, globs, addresses of LAS, LAZ and COPC files, and lists of them, local or by address: virtual
         point clouds (`.vpc`), STAC items, collections of items, Entwine Point Tiles
-        (`ept.json`). PLY and E57 files by path or address.
+        (`ept.json`). PLY and E57 files and rasters of heights by path or address.
     folder : Path
         Folder in which files are kept; what is there with the same size and version is not read again.
     bounds : tuple or None
@@ -213,6 +214,8 @@ def localise(
         that lies elsewhere.
     clip : Path or None
         Polygons whose box is used in the same way.
+    dtm : Path or None
+        Terrain under the rasters of heights.
 
     Returns
     -------
@@ -228,7 +231,7 @@ def localise(
     for given in [inputs] if isinstance(inputs, str | Path) else inputs:
         for one in files_of_list(given, bounds, traffic):
             place = fetch(one, folder, bounds, clip, traffic) if is_address(one) else one
-            found.append(convert(Path(place), folder) if Path(place).suffix.lower() in READERS else place)
+            found.append(convert(Path(place), folder, dtm) if is_converted(place) else place)
     return found, traffic
 
 

@@ -17,7 +17,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
 from eaves.formats.inputs import find_inputs
 from eaves.formats.points.chunk import FARTHEST, Chunk
-from eaves.formats.points.las import WHOLE, iter_las
+from eaves.formats.points.las import WHOLE, iter_las, readable_fields
 from eaves.formats.points.las_header import LasHeader, read_las_header
 from eaves.formats.points.recovery import corrected
 from eaves.formats.points.text import TextLayout, iter_text, read_text_layout
@@ -202,6 +202,7 @@ def iter_chunks(
     chunk_points: int = CHUNK_POINTS,
     part: tuple[int, int] = WHOLE,
     copy: BinaryIO | None = None,
+    fields: Sequence[str] = (),
 ) -> Iterator[Chunk]:
     """The points of a file in world metres, in its order, about `chunk_points` at a time.
 
@@ -220,6 +221,8 @@ def iter_chunks(
         first run is the whole.
     copy : binary file or None
         Receives the records of a LAS or LAZ file, decompressed, for `write_classified`.
+    fields : sequence of str
+        Other fields of the points to read (`PointCloud.fields`).
 
     Returns
     -------
@@ -229,7 +232,7 @@ def iter_chunks(
     Raises
     ------
     InputError
-        When the file is cut off or damaged.
+        When the file is cut off or damaged, or lacks a field.
 
     Examples
     --------
@@ -239,13 +242,14 @@ def iter_chunks(
     >>> sum(len(chunk.xyz) for chunk in iter_chunks(open_source(files["points"]), chunk_points=5000))
     10404
     """
+    check_fields(source, fields)
     units = np.array(source.system.unit_m)
     unit = source.system.horizontal_unit_m
     rectangle = None
     if bounds is not None:
         rectangle = bounds.west / unit, bounds.south / unit, bounds.east / unit, bounds.north / unit
     lost = 0
-    for chunk in _native_chunks(source.layout, rectangle, chunk_points, part, copy):
+    for chunk in _native_chunks(source.layout, rectangle, chunk_points, part, copy, fields):
         use = has_coordinates(chunk.xyz)
         lost += len(chunk) - int(np.count_nonzero(use))
         if chunk.withheld is not None:
@@ -265,8 +269,30 @@ def iter_chunks(
         )
 
 
+def check_fields(source: Source, fields: Sequence[str]) -> None:
+    """Check that a file has fields of its points.
+
+    Raises
+    ------
+    InputError
+        When it lacks one.
+    """
+    if not fields:
+        return
+    known = readable_fields(source.layout) if isinstance(source.layout, LasHeader) else {}
+    for name in fields:
+        if name not in known:
+            there = ", ".join(known) or "coordinates alone"
+            raise InputError.about(
+                source.path, f"its points have no field '{name}', but {there}", "give files that have it"
+            )
+
+
 def read(
-    paths: str | Path | Sequence[str | Path], bounds: Bounds | None = None, crs: str | None = None
+    paths: str | Path | Sequence[str | Path],
+    bounds: Bounds | None = None,
+    crs: str | None = None,
+    fields: Sequence[str] = (),
 ) -> PointCloud:
     """The points of one or several files as one cloud.
 
@@ -278,6 +304,8 @@ def read(
         World metres; only the points inside are read.
     crs : str or None
         Overrides the system that the files name (see `open_source`).
+    fields : sequence of str
+        Other fields of the points to read (`PointCloud.fields`): `intensity`, `nir`, …
 
     Returns
     -------
@@ -287,7 +315,7 @@ def read(
     Raises
     ------
     InputError
-        When a file cannot be read, or files differ in units or system.
+        When a file cannot be read or lacks a field, or files differ in units or system.
 
     Examples
     --------
@@ -303,6 +331,7 @@ def read(
     try:
         xyz, point_id = np.empty((total, 3)), np.empty(total, np.int64)
         known = {name: np.empty(total, np.uint8) for name in FIELDS if any(name in s.fields for s in sources)}
+        others = {name: np.empty(total) for name in fields}
     except MemoryError:
         raise InputError.about(
             sources[0].path,
@@ -311,12 +340,14 @@ def read(
         ) from None
     before = filled = 0
     for source in sources:
-        for chunk in iter_chunks(source, bounds):
+        for chunk in iter_chunks(source, bounds, fields=fields):
             place = slice(filled, filled := filled + len(chunk))
             xyz[place], point_id[place] = chunk.xyz, chunk.position + before
             for name, values in known.items():
                 given = getattr(chunk, name)
                 values[place] = MISSING[name] if given is None else given
+            for name, other in others.items():
+                other[place] = chunk.fields[name]
         before += source.count
     if total and not filled and bounds is None:
         raise InputError.about(
@@ -325,6 +356,7 @@ def read(
     # what was left out frees its memory with the whole arrays only if it is much
     trim = slice(None) if filled > total // 2 else np.arange(filled)
     arrays: dict[str, Any] = {name: values[:filled][trim] for name, values in known.items()}
+    arrays["fields"] = {name: values[:filled][trim] for name, values in others.items()}
     xyz, point_id = xyz[:filled][trim], point_id[:filled][trim]
     origin = Block.at(*xyz[:, :2].min(axis=0)).origin if filled else (0.0, 0.0)
     for first in range(0, filled, CHUNK_POINTS):  # in place, for a second copy is what memory runs out of
@@ -349,11 +381,12 @@ def _native_chunks(
     size: int,
     part: tuple[int, int] = WHOLE,
     copy: BinaryIO | None = None,
+    fields: Sequence[str] = (),
 ) -> Iterator[Chunk]:
     """Chunks in the file's own units."""
     if isinstance(layout, TextLayout):
         return iter_text(layout, size) if part[0] == 0 else iter(())
-    return iter_las(layout, rectangle, size, part, copy)
+    return iter_las(layout, rectangle, size, part, copy, fields)
 
 
 def _open_las(header: LasHeader, crs: str | None) -> Source:

@@ -27,8 +27,13 @@ WIDEST_VIEW_M = 600.0
 """The 3D view opens on at most this much of a run."""
 WALL_GAP_M = 0.1
 """Walls end this far under the roof, or the two would be drawn through each other."""
-IDS = {name: f"eaves_{name}_layer" for name in ("doubts", "roof_planes", "walls", "footprints", "relief")}
+LAYERS = ("review", "doubts", "roof_planes", "walls", "footprints", "relief", "surface")
+IDS = {name: f"eaves_{name}_layer" for name in LAYERS}
 """QGIS gives a layer another id when its own has ten characters or fewer."""
+OFF = (IDS["review"], IDS["doubts"], IDS["surface"])
+"""Layers that are there and not drawn when the project opens."""
+RASTERS = {"dtm": ("relief", "Relief"), "dsm": ("surface", "Relief with buildings and trees")}
+"""By the name of their file, a layer and its title."""
 WALL_COLOUR = "#e6e0d4"
 FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 """Of the file in the archive: the same run gives the same bytes."""
@@ -56,7 +61,7 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
     footprints
         The GeoPackage with the layers `footprints` and `roof_planes`.
     rasters
-        The terrain, named `dtm.tif` or `dtm.vrt`, and any others; those of other names are left out.
+        The terrain, named `dtm.tif` or `dtm.vrt`, likewise `dsm`; those of other names are left out.
     system
         The reference system that all of them are in.
 
@@ -77,7 +82,7 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
         {
             "id": layer.id,
             "name": layer.name,
-            "checked": "Qt::Checked",
+            "checked": "Qt::Unchecked" if layer.id in OFF else "Qt::Checked",
             "expanded": "1" if layer.id == IDS["roof_planes"] else "0",
             "source": layer.source,
             "providerKey": layer.kind,
@@ -134,11 +139,10 @@ def _layers(
     prints = styles_of("footprints", columns["footprints"], system)
     source = f"./{footprints.name}|layername="
     layers = []
-    if "doubts" in columns:
-        doubts = styles_of("doubts", columns["doubts"], system)
-        layers.append(
-            _ProjectLayer(IDS["doubts"], "Doubts", source + "doubts", "ogr", doubts[0].elements, doubts)
-        )
+    for name, title in (("review", "To review"), ("doubts", "Doubts")):
+        if name in columns:
+            styles = styles_of(name, columns[name], system)
+            layers.append(_ProjectLayer(IDS[name], title, source + name, "ogr", styles[0].elements, styles))
     if roofs:
         layers.append(
             _ProjectLayer(
@@ -155,13 +159,11 @@ def _layers(
             IDS["footprints"], "Buildings", source + "footprints", "ogr", prints[0].elements, prints
         )
     )
-    for terrain in rasters:
-        if terrain.stem == "dtm":
-            layers.append(
-                _ProjectLayer(
-                    IDS["relief"], "Relief", f"./{terrain.name}", "gdal", (_relief_renderer(system),)
-                )
-            )
+    by_name = {raster.stem: raster for raster in rasters}
+    for stem, (name, title) in RASTERS.items():
+        if stem in by_name:
+            look = (_relief_renderer(system),)
+            layers.append(_ProjectLayer(IDS[name], title, f"./{by_name[stem].name}", "gdal", look))
     return layers
 
 
@@ -237,7 +239,7 @@ def _themes(layers: Sequence[_ProjectLayer]) -> str:
     for title, chosen, hidden in themes:
         preset = Element("visibility-preset", {"name": title, "has-expanded-info": "0"})
         for layer in layers:
-            if layer.id not in hidden:
+            if layer.id not in (*hidden, *OFF):
                 style = chosen.get(layer.id, "default")
                 SubElement(preset, "layer", id=layer.id, visible="1", style=style)
         text += tostring(preset, "unicode")

@@ -173,7 +173,7 @@ class RasterWindow:
             except RasterioError:
                 raise _unreadable(self.path) from None
         try:
-            self.system = _raster_system(self.path, self.image)
+            self.system = system_of_raster(self.path, self.image)
         except InputError:
             self.image.close()
             raise
@@ -221,7 +221,7 @@ def _unreadable(path: Path) -> InputError:
     return InputError.about(path, "is not a raster that can be read", "give a GeoTIFF")
 
 
-def _raster_system(path: str | Path, image: Any) -> CoordinateSystem:
+def system_of_raster(path: str | Path, image: Any) -> CoordinateSystem:
     """The system of an open raster of square north-up cells."""
     transform, bounds = image.transform, image.bounds
     if transform.b or transform.d or transform.e >= 0 or abs(transform.a + transform.e) > 1e-6 * transform.a:

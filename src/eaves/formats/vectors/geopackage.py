@@ -45,6 +45,8 @@ DRIVERS = {
     ".json": "GeoJSON",
     ".kml": "KML",
 }
+DATASET_OPTIONS = {"GPKG": {"VERSION": "1.3"}, "KML": {"AltitudeMode": "absolute"}}
+"""GeoPackage 1.4 makes GDAL 3.6 and QGIS 3.22 warn at every layer."""
 GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
 BOX_MARGIN = 0.001
@@ -589,7 +591,7 @@ def _write_rows(
             crs=None if layer == "attributes" else wkt,
             append=append,
             layer_options=options,
-            dataset_options={"AltitudeMode": "absolute"} if driver == "KML" and schema.upright else None,
+            dataset_options=DATASET_OPTIONS.get(driver) if driver != "KML" or schema.upright else None,
         )
 
 

@@ -16,7 +16,7 @@ from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
 LEAST_M2 = 50.0
 """Terrain in doubt of less area (m²) is not said: a car, the foot of a hedge."""
 
-REASON = "ground or not: it ends without a step here, or as the cells are laid"
+REASON = "ground or object: no step in height bounds it, or the result depends on where the grid lies"
 
 
 def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> Mask:

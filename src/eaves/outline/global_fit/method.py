@@ -122,7 +122,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         6.0, "price of a side with a corner of 90°, in nats; a corner of another angle costs more", gt=0
     )
     direction: float = parameter(
-        10.0, "further price of a side that follows another frame of directions than most, in nats", ge=0
+        15.0, "further price of a side that follows another frame of directions than most, in nats", ge=0
     )
     stray: float = parameter(4.0, "price of a boundary point on no side, in nats", gt=0)
     hidden: float = parameter(

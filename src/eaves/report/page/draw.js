@@ -65,8 +65,9 @@ class Painter {
   add(kind, position, building, { shaded = false, strength = 0, minor = false, fades = false, opacity = 1 } = {}) {
     const gl = this.gl, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
-    const fill = (place, data, size, type, normalised) => {
+    const buffers = [], fill = (place, data, size, type, normalised) => {
       const buffer = gl.createBuffer();
+      buffers.push(buffer);
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
       gl.enableVertexAttribArray(place);
@@ -78,9 +79,17 @@ class Painter {
     fill(2, building, 1, gl.UNSIGNED_INT, false);
     gl.bindVertexArray(null);
     const mode = { points: gl.POINTS, triangles: gl.TRIANGLES, lines: gl.LINES }[kind];
-    const layer = { kind, mode, vao, colour, shaded, strength, minor, fades, opacity, pictured: false, drawn: [] };
+    const layer = { kind, mode, vao, buffers, colour, shaded, strength, minor, fades, opacity, pictured: false, drawn: [] };
     this.layers.push(layer);
     return layer;
+  }
+
+  clear() {
+    for (const { vao, buffers, drawn } of this.layers) {
+      this.gl.deleteVertexArray(vao);
+      for (const buffer of [...buffers, ...drawn.map(list => list.buffer)]) this.gl.deleteBuffer(buffer);
+    }
+    this.layers = [];
   }
 
   // An image on the ground; `lay` are the coefficients of 1, x, y, x², xy, y² of its columns and rows, both from 0 to 1. Layers that are `pictured` are drawn with it.

@@ -127,6 +127,8 @@ function addressOf(viewer) {
 }
 
 const initial = {};
+// Ids that Find lists as one types; it knows all of them.
+const NAMES_OFFERED = 4000;
 
 // Keeps the address up to date once a person has touched the page; not while it moves.
 function keepAddress(viewer) {
@@ -143,29 +145,40 @@ function keepAddress(viewer) {
 }
 
 async function start() {
-  const { rows } = page, all = rows.concat(await unpackRows(page.others));
-  let viewer = null;
-  const table = new Table(byId('buildings'), page.columns, all, number => {
-    if (!viewer) return;
-    viewer.choose(number);
-    byId('scene').scrollIntoView({ block: 'nearest' });
-  });
-  drawCharts(byId('charts'), all);
-  byId('ids').append(...rows.map(row => element('option', { value: row.id })));
+  let viewer = null, city = null, all = [];
   try {
-    viewer = new Viewer(readData(await unpackAll(page.arrays)), all, table);
+    city = page.city ? await City.open() : null;
+    all = city ? city.rows : page.rows.concat(await unpackRows(page.others));
+  } catch (error) { return trouble(error); }
+  const rows = city ? all : page.rows;
+  try {
+    viewer = new Viewer(city ? city.scene() : { ...readScene(await unpackAll(page.arrays)), rows }, all);
     if (page.basemap) await viewer.addImage(page.basemap);
+    if (city) await city.follow(viewer);
     listenToCanvas(viewer);
     listenToControls(viewer);
     keepAddress(viewer);
     obeyAddress(viewer);
     addEventListener('hashchange', () => obeyAddress(viewer));
     window.eaves = viewer;
-    document.documentElement.dataset.ready = 'yes';
-  } catch (error) {
-    byId('trouble').textContent = `No 3D view: ${error.message}.`;
-    byId('trouble').hidden = false;
-    document.documentElement.dataset.ready = 'no';
-  }
+    await viewer.pace.first(); // the scene first, then the table
+  } catch (error) { trouble(error); }
+  const table = new Table(byId('buildings'), page.columns, all, number => {
+    if (!viewer) return;
+    viewer.choose(number);
+    byId('scene').scrollIntoView({ block: 'nearest' });
+  });
+  drawCharts(byId('charts'), all);
+  byId('ids').append(...rows.slice(0, NAMES_OFFERED).map(row => element('option', { value: row.id })));
+  if (!document.documentElement.dataset.ready) document.documentElement.dataset.ready = 'yes';
+  if (!viewer) return;
+  viewer.table = table;
+  table.mark(viewer.look.chosen - 1);
+}
+
+function trouble(error) {
+  byId('trouble').textContent = `No 3D view: ${error.message}.`;
+  byId('trouble').hidden = false;
+  document.documentElement.dataset.ready = 'no';
 }
 start();

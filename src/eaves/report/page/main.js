@@ -2,7 +2,8 @@
 const byId = name => document.getElementById(name);
 const page = JSON.parse(byId('data').textContent);
 
-function readData(arrays) {
+// A scene out of arrays: what the page embeds, or one square of a city. It brings along all that is computed once.
+function readScene(arrays, terrain = page.terrain) {
   const order = shuffled(arrays.point_class.length), mixed = (values, width) => reordered(values, order, width);
   const epochsOf = (values, count) => values || new Uint8Array(count);
   const points = {
@@ -16,9 +17,36 @@ function readData(arrays) {
   Object.assign(triangles, slopes(triangles));
   const edges = { xyz: metres(arrays.edge_xyz), building: arrays.edge_building, lod: arrays.edge_lod, epochs: epochsOf(arrays.edge_epoch, arrays.edge_lod.length), count: arrays.edge_lod.length };
   const prints = { xyz: metres(arrays.outline_xyz), building: arrays.outline_building, epochs: epochsOf(arrays.outline_epoch, arrays.outline_building.length), count: arrays.outline_building.length };
-  const heights = metres(arrays.terrain), cells = page.terrain.rows * page.terrain.columns;
-  const terrains = (page.epochs ? [1, 2] : [0]).map((epoch, place) => ({ ...page.terrain, epoch, heights: heights.subarray(place * cells, (place + 1) * cells) }));
-  return { points, triangles, edges, prints, terrains, rows: page.rows };
+  const grounds = readGrounds(arrays.terrain, terrain, triangles);
+  points.over = pointsOverRoofs(points, triangles);
+  return { points, triangles, edges, prints, grounds };
+}
+
+// The terrain of every epoch as a mesh, shaded by what stands on it.
+function readGrounds(whole, terrain, triangles) {
+  const heights = metres(whole), cells = terrain.rows * terrain.columns;
+  return (page.epochs ? [1, 2] : [0]).map((epoch, place) => {
+    const grid = { ...terrain, epoch, heights: heights.subarray(place * cells, (place + 1) * cells) };
+    return { ...terrainMesh(grid), light: groundShade(grid, triangles) };
+  });
+}
+
+// Several scenes as one: their arrays end to end.
+function joined(scenes) {
+  if (scenes.length === 1) return scenes[0];
+  const join = parts => Object.fromEntries(Object.entries(parts[0]).map(([name, first]) => {
+    if (name === 'count') return [name, parts.reduce((sum, part) => sum + part.count, 0)];
+    if (!ArrayBuffer.isView(first)) return [name, first];
+    const all = new first.constructor(parts.reduce((sum, part) => sum + part[name].length, 0));
+    let place = 0;
+    for (const part of parts) {
+      all.set(part[name], place);
+      place += part[name].length;
+    }
+    return [name, all];
+  }));
+  const [points, triangles, edges, prints] = ['points', 'triangles', 'edges', 'prints'].map(name => join(scenes.map(scene => scene[name])));
+  return { points, triangles, edges, prints, grounds: scenes.flatMap(scene => scene.grounds) };
 }
 
 // The numbers below `count` in an order without a pattern, the same every time: the first of them are a fair sample.
@@ -90,34 +118,34 @@ function boxOf(scene) {
 // A number for each building in each epoch.
 const modelOf = ({ building, epochs }, number) => 3 * building[number] + epochs[number];
 
+// The lowest and the highest place of every building, of its outline and models.
+function spotsOf({ prints, triangles, rows }) {
+  const spots = rows.map(() => ({ low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] }));
+  const grow = (xyz, building, width) => {
+    for (let place = 0; place < xyz.length; place++) {
+      const spot = spots[building[Math.floor(place / width)] - 1], axis = place % 3;
+      spot.low[axis] = Math.min(spot.low[axis], xyz[place]);
+      spot.high[axis] = Math.max(spot.high[axis], xyz[place]);
+    }
+  };
+  grow(prints.xyz, prints.building, 6);
+  grow(triangles.xyz, triangles.building, 9);
+  return spots;
+}
+
 // What is neither ground nor building, mostly trees, lets what stands behind it through.
 const OTHER_OPACITY = 0.45;
 
 class Viewer {
-  constructor(scene, all, table) {
-    Object.assign(this, { scene, all, table, origin: page.origin });
-    scene.grounds = scene.terrains.map(terrain => ({ ...terrainMesh(terrain), light: groundShade(terrain, scene.triangles) }));
+  constructor(scene, all) {
+    Object.assign(this, { all, table: null, city: null, origin: page.origin });
     const canvas = this.canvas = byId('scene');
     this.camera = new Camera(boxOf(scene), canvas.clientWidth / Math.max(1, canvas.clientHeight));
-    const painter = this.painter = new Painter(canvas);
-    const { points, triangles, edges, prints, grounds } = scene;
-    this.layers = {
-      grounds: grounds.map(({ position }) => painter.add('triangles', position, new Uint32Array(position.length / 3), { shaded: true })),
-      models: painter.add('triangles', triangles.xyz, repeated(triangles.building, 3), { shaded: true, strength: 0.25 }),
-      edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true, fades: true }),
-      prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1, minor: true }),
-      points: painter.add('points', points.xyz, Uint32Array.from(points.building)),
-      other: painter.add('points', points.xyz, new Uint32Array(points.count), { opacity: OTHER_OPACITY }),
-    };
-    this.pace = new Pace(painter, () => this.before(), quality => this.after(quality));
+    this.painter = new Painter(canvas);
+    this.pace = new Pace(this.painter, () => this.before(), quality => this.after(quality));
     this.look = { background: [1, 1, 1], mark: [1, 0.6, 0], chosen: 0, only: false, pointSize: 0.35 };
-    this.finest = new Map();
-    for (let number = 0; number < triangles.count; number++) {
-      const model = modelOf(triangles, number);
-      this.finest.set(model, Math.max(this.finest.get(model) || 0, triangles.lod[number]));
-    }
-    this.measureBuildings();
-    this.overRoof = pointsOverRoofs(points, triangles);
+    this.spots = spotsOf(scene);
+    this.load(scene);
     this.ruler = new Ruler(this);
     this.profile = new Profile(this);
     this.verdicts = new Verdicts();
@@ -127,19 +155,24 @@ class Viewer {
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.refresh());
   }
 
-  // The middle and half the size of every building, from its outline.
-  measureBuildings() {
-    const { prints, triangles, rows } = this.scene;
-    this.spots = rows.map(() => ({ low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] }));
-    const grow = (xyz, building, width) => {
-      for (let place = 0; place < xyz.length; place++) {
-        const spot = this.spots[building[Math.floor(place / width)] - 1], axis = place % 3;
-        spot.low[axis] = Math.min(spot.low[axis], xyz[place]);
-        spot.high[axis] = Math.max(spot.high[axis], xyz[place]);
-      }
+  // Draws a scene in place of the one before.
+  load(scene) {
+    const { painter } = this, { points, triangles, edges, prints, grounds } = scene;
+    this.scene = scene;
+    painter.clear();
+    this.layers = {
+      grounds: grounds.map(({ position }) => painter.add('triangles', position, new Uint32Array(position.length / 3), { shaded: true })),
+      models: painter.add('triangles', triangles.xyz, repeated(triangles.building, 3), { shaded: true, strength: 0.25 }),
+      edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true, fades: true }),
+      prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1, minor: true }),
+      points: painter.add('points', points.xyz, Uint32Array.from(points.building)),
+      other: painter.add('points', points.xyz, new Uint32Array(points.count), { opacity: OTHER_OPACITY }),
     };
-    grow(prints.xyz, prints.building, 6);
-    grow(triangles.xyz, triangles.building, 9);
+    this.finest = new Uint8Array(3 * (scene.rows.length + 1));
+    for (let number = 0; number < triangles.count; number++) {
+      const model = modelOf(triangles, number);
+      this.finest[model] = Math.max(this.finest[model], triangles.lod[number]);
+    }
   }
 
   // The aerial image of the page over the terrain.
@@ -191,9 +224,9 @@ class Viewer {
     const pointWay = pointColours(byId('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
     const foreign = number => !points.building[number] && points.classification[number] !== 2;
     dress(layers.points, points, 1, number => !foreign(number) && (points.building[number] ? on || points.building[number] === this.look.chosen : under) ? pointWay.at(number) : null);
-    dress(layers.other, points, 1, number => foreign(number) && other && !this.look.only && !this.overRoof[number] ? pointWay.at(number) : null);
+    dress(layers.other, points, 1, number => foreign(number) && other && !this.look.only && !points.over[number] ? pointWay.at(number) : null);
 
-    const wantedLod = page.lods.indexOf(byId('lod').value), shown = (things, number) => things.lod[number] === (wantedLod < 0 ? this.finest.get(modelOf(things, number)) : wantedLod);
+    const wantedLod = page.lods.indexOf(byId('lod').value), shown = (things, number) => things.lod[number] === BOX || things.lod[number] === (wantedLod < 0 ? this.finest[modelOf(things, number)] : wantedLod);
     const modelWay = modelColours(byId('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
     const red = bytes(LOD_COLOURS.none);
     dress(layers.models, triangles, 3, number => {
@@ -201,6 +234,7 @@ class Viewer {
       if (!shown(triangles, number) || !(kind === 2 ? roofs : walls)) return null;
       return triangles.lod[number] === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
     }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1);
+    if (this.city) painter.show(layers.models, layers.models.shown, layers.models.shown, layers.models.shown.filter(vertex => triangles.lod[Math.floor(vertex / 3)] !== BOX || triangles.kind[Math.floor(vertex / 3)] === 2));
     dress(layers.edges, edges, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges, number) ? line : null));
     dress(layers.prints, prints, 2, () => this.checked('prints') ? outline : null);
     legend(byId('point-legend'), layers.points.shown.length + layers.other.shown.length ? pointWay.legend : { text: 'no points are shown' });
@@ -224,6 +258,7 @@ class Viewer {
     byId('moving').hidden = !quality;
     if (quality) byId('moving').textContent = `While it moves: ${drawn < here ? `${drawn.toLocaleString('en')} of ${here.toLocaleString('en')} points, ` : ''}coarser ground${QUALITIES[quality].lines ? '' : ', no lines'}, lower resolution`;
     this.measure();
+    if (!quality && this.city) this.city.look();
   }
 
   // Scale bar and north arrow.
@@ -245,16 +280,19 @@ class Viewer {
     this.refresh();
   }
 
+  describe(number) { describe(byId('building'), this.all[number], number, this.scene); }
+
   // The building of a number among all; those that are not drawn come after those that are.
   choose(number, fly = true) {
     const row = this.all[number], spot = this.spots[number];
     this.look.chosen = spot ? number + 1 : 0;
     byId('building').hidden = !row;
+    byId('hint').hidden = !!row;
     this.verdicts.choose(row);
     byId('find').value = row ? row.id : '';
     document.documentElement.dataset.chosen = row ? row.id : '';
     if (row) {
-      describe(byId('building'), row, number, this.scene);
+      this.describe(number);
       const side = byId('controls'), top = byId('building').offsetTop - side.offsetTop;
       if (top > side.scrollTop + side.clientHeight - 200) side.scrollTop = top - 8;
       byId('status').textContent = `building ${row.id} chosen${spot ? '' : ', which is not drawn'}`;
@@ -263,7 +301,7 @@ class Viewer {
         this.camera.flyTo(low.map((value, axis) => (value + high[axis]) / 2), Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) / 2);
       }
     }
-    this.table.mark(row ? number : -1);
+    this.table?.mark(row ? number : -1);
     this.refresh(); // the points of the chosen building are shown
   }
 

@@ -15,6 +15,9 @@ class Pace {
     Object.assign(this, { painter, before, after, quality: 0, asked: 0, painted: 0, running: false, easy: 0 });
   }
 
+  // Resolves when there is a picture.
+  async first() { while (!this.painted) await new Promise(requestAnimationFrame); }
+
   ask() {
     this.asked++;
     document.documentElement.dataset.still = 'no';
@@ -46,7 +49,7 @@ class Pace {
     painter.pieces(quality).forEach(piece => painter.draw(piece));
     painter.present();
     await painter.finished();
-    this.painted++;
+    if (!this.painted++) performance.mark('picture');
     return performance.now() - began;
   }
 

@@ -54,8 +54,10 @@ class Profile {
       const models = cutUpright(xyz, layers.models.shown, one, two, place => kinds[kind[layers.models.shown[place] / 3]] + older(epochs[layers.models.shown[place] / 3]));
       for (const [s1, z1, s2, z2, name] of [...grounds, ...models]) this.pieces.push([s1 + start, z1, s2 + start, z2, name]);
       const [east, north] = [(two[0] - one[0]) / long, (two[1] - one[1]) / long];
-      for (const layer of [layers.points, layers.other]) {
-        for (const number of layer.shown) {
+      // points of buildings always, others where they are shown
+      const roofs = Uint32Array.from(scene.points.building.keys()).filter(number => scene.points.building[number]), others = layers.points.shown.filter(number => !scene.points.building[number]);
+      for (const numbers of [roofs, others, layers.other.shown]) {
+        for (const number of numbers) {
           const [x, y] = [scene.points.xyz[3 * number] - one[0], scene.points.xyz[3 * number + 1] - one[1]], s = x * east + y * north;
           if (s >= 0 && s <= long && Math.abs(y * east - x * north) <= BESIDE) this.dots.push([s + start, scene.points.xyz[3 * number + 2], (CLASSES[scene.points.classification[number]] || [0, NOTHING])[1]]);
         }
