@@ -2,7 +2,7 @@
 FROM debian:bookworm-slim AS build
 RUN apt-get update && apt-get install -y --no-install-recommends python3-venv && rm -rf /var/lib/apt/lists/*
 COPY pyproject.toml README.md LICENSE /source/
-ARG SETUPTOOLS_SCM_PRETEND_VERSION=0.0.0
+ARG SETUPTOOLS_SCM_PRETEND_VERSION
 COPY src /source/src
 RUN python3 -m venv /opt/eaves && /opt/eaves/bin/pip install --no-cache-dir --only-binary :all: \
     --no-binary eaves "/source[parquet]"
