@@ -7,14 +7,13 @@ around it they lie on that plane (the same roof), all below (it was not there ye
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.planes import local_planes
-from eaves.model import Mask, Points, Values
+from eaves.kernels import kernel
+from eaves.model import Integers, Mask, Points, Values
 from eaves.model.cloud import BUILDING, GROUND
 
 UNSEEN, SAME, GROUND_BELOW, ROOF_BELOW, ROOF_ABOVE, OTHER_BELOW, HIDDEN = range(7)
@@ -54,48 +53,16 @@ def plan_tree(xyz: Points) -> cKDTree:
     return cKDTree(xyz[:, :2], balanced_tree=False, compact_nodes=False)
 
 
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Pairs (P,) of some of `count` roof points with points of the other epoch near in plan: the number of
-    the roof point, the way from it (P, 2) and how far the other lies over its plane (m)."""
-
-    count: int
-    point: NDArray[np.int64]
-    other: NDArray[np.int64]
-    way: NDArray[np.float64]
-    over: Values
-
-    @classmethod
-    def within(
-        cls, xyz: Points, slope: NDArray[np.float64], others: Points, tree: cKDTree, radius: float
-    ) -> Pairs:
-        """Those within `radius` (m) of roof points (N, 3) that lie on planes with slopes (N, 2); the `tree`
-        is that of the others."""
-        found = plan_tree(xyz).sparse_distance_matrix(tree, radius, output_type="ndarray")
-        point, other = found["i"], found["j"]
-        way = others[other] - xyz[point]
-        over = way[:, 2] - (slope[point] * way[:, :2]).sum(axis=1)
-        return cls(len(xyz), point, other, way[:, :2], over)
-
-    def number(self, mask: Mask) -> NDArray[np.int64]:
-        """Number (N,) of pairs of a mask (P,) that each roof point has."""
-        return np.bincount(self.point[mask], minlength=self.count)
-
-    def highest(self, mask: Mask, sign: float = 1.0) -> Values:
-        """Height (N,) of the highest of some over each roof point (sign −1: depth of the lowest); none:
-        −inf."""
-        found = np.full(self.count, -np.inf)
-        np.maximum.at(found, self.point[mask], sign * self.over[mask])
-        return found
-
-    def mean(self, mask: Mask, values: Values) -> Values:
-        """The mean (N,) of values (P,) over some pairs of each roof point; 0 for none."""
-        total = np.bincount(self.point[mask], values[mask], self.count)
-        return np.asarray(total / np.maximum(self.number(mask), 1))
-
-    def beside(self, mask: Mask, radius: float) -> Mask:
-        """Mask (N,) of the roof points to one side of which some of the points around them lie."""
-        return np.hypot(*(self.mean(mask, way) for way in self.way.T)) > BESIDE * radius
+def pairs_within(
+    xyz: Points, slope: NDArray[np.float64], others: Points, tree: cKDTree, radius: float
+) -> tuple[Integers, Integers, Values, Values]:
+    """Pairs (P,) of roof points (N, 3) on planes with slopes (N, 2) and points of the other epoch within a
+    `radius` (m) in plan: the numbers of both, the ways from the one to the other (P, 2) and how far the other
+    lies over the plane (m); the `tree` is that of the others."""
+    found = plan_tree(xyz).sparse_distance_matrix(tree, radius, output_type="ndarray")
+    point, other = found["i"], found["j"]
+    way = others[other] - xyz[point]
+    return point, other, way[:, :2], way[:, 2] - (slope[point] * way[:, :2]).sum(axis=1)
 
 
 def face_points(
@@ -112,40 +79,35 @@ def face_points(
     tree = plan_tree(others)
     for first in range(0, len(xyz) if len(others) else 0, AT_ONCE):
         some = slice(first, first + AT_ONCE)
-        pairs = Pairs.within(xyz[some], slope[some], others, tree, radius)
+        point, other, way, over = pairs_within(xyz[some], slope[some], others, tree, radius)
         limit = tolerance * np.sqrt(1.0 + (slope[some] ** 2).sum(axis=1))
-        state[some], distance[some] = states_of(pairs, classes[pairs.other], radius, limit)
+        state[some], distance[some] = states_of((point, way, over), classes[other], radius, limit)
     return state, distance
 
 
 def states_of(
-    pairs: Pairs, kind: NDArray[np.uint8], radius: float, limit: Values
+    places: tuple[Integers, Values, Values], kind: NDArray[np.uint8], radius: float, limit: Values
 ) -> tuple[NDArray[np.uint8], Values]:
-    """States and distances (N,) of roof points, from their pairs and the classes (P,) of the others; what
-    lies within a `limit` (N,) of the plane is on it."""
-    on = np.abs(pairs.over) <= limit[pairs.point]
-    below, above = ~on & (pairs.over < 0), ~on & (pairs.over > 0)
-    standing = pairs.number(on)
-    same = pairs.number(on & (kind == BUILDING)) > 0
-    same |= (standing > 0) & (standing >= STANDING * (standing + pairs.number(below)))
-    ground = below & (kind == GROUND)
-    grounded = pairs.number(ground) > 0
-    top, roof_above = pairs.highest(below), -pairs.highest(above & (kind == BUILDING), -1.0)
-    under = np.isfinite(top) & (pairs.highest(below & (kind == BUILDING)) == top) & (-top <= roof_above)
+    """States and distances (N,) of roof points, from the point, way and height of each of their pairs, and
+    the classes (P,) of the others; what lies within a `limit` (N,) of the plane is on it."""
+    numbers, heights, ground_way = tally_kernel(*places, kind, limit)
+    seen, standing, built, below, ground = numbers
+    top, roof_below, ground_top, roof_above = heights
+    same = (built > 0) | ((standing > 0) & (standing >= STANDING * (standing + below)))
+    under = np.isfinite(top) & (roof_below == top) & (-top <= roof_above)
     roof = np.where(under, top, roof_above)
     # the other roof must lie around the point: what lies to one side of it is seen past it
-    level = np.abs(pairs.over - roof[pairs.point]) <= 4 * limit[pairs.point]
-    roofed, ground_top = np.isfinite(roof), pairs.highest(ground)
-    nothing = np.full(pairs.count, np.nan)
+    level, level_way, rise = level_kernel(*places, roof, 4 * limit)
+    roofed, grounded, nothing = np.isfinite(roof), ground > 0, np.full(len(limit), np.nan)
     cases = (
-        (pairs.number(np.ones(len(kind), bool)) == 0, UNSEEN, nothing),
-        (same, SAME, np.zeros(pairs.count)),
+        (seen == 0, UNSEEN, nothing),
+        (same, SAME, np.zeros(len(limit))),
         (
-            roofed & ~pairs.beside(level, radius),
+            roofed & ~is_beside(level, level_way, radius),
             np.where(under, ROOF_BELOW, ROOF_ABOVE),
-            pairs.mean(level, pairs.over),
+            rise / np.maximum(level, 1),
         ),
-        (grounded & ~pairs.beside(ground, radius), GROUND_BELOW, ground_top),
+        (grounded & ~is_beside(ground, ground_way, radius), GROUND_BELOW, ground_top),
         (roofed, HIDDEN, nothing),
         (grounded, UNSEEN, ground_top),
         (np.isfinite(top), OTHER_BELOW, top),
@@ -154,15 +116,69 @@ def states_of(
     return np.select(which, states, HIDDEN).astype(np.uint8), np.select(which, distances, np.nan)
 
 
+def is_beside(number: Integers, way: Values, radius: float) -> Mask:
+    """Mask (N,) of the roof points to one side of which the `number` (N,) of points lies that the ways (2, N)
+    lead to in sum."""
+    return np.asarray(np.hypot(*(way / np.maximum(number, 1))) > BESIDE * radius)
+
+
+@kernel
+def tally_kernel(
+    point: Integers, way: Values, over: Values, kind: NDArray[np.uint8], limit: Values
+) -> tuple[Integers, Values, Values]:
+    """Of each roof point the numbers (5, N) of its pairs, of those on its plane, of these on a roof, of those
+    below, of these on the ground; the heights (4, N) of the highest below, of roofs and of the ground there,
+    and of the lowest roof above; the sum (2, N) of the ways to the ground below."""
+    numbers, ground_way = np.zeros((5, len(limit)), np.int64), np.zeros((2, len(limit)))
+    heights = np.full((4, len(limit)), -np.inf)
+    heights[3] = np.inf
+    for pair in range(len(point)):
+        roof, height = point[pair], over[pair]
+        numbers[0, roof] += 1
+        if abs(height) <= limit[roof]:
+            numbers[1, roof] += 1
+            numbers[2, roof] += kind[pair] == BUILDING
+        elif height < 0.0:
+            numbers[3, roof] += 1
+            heights[0, roof] = max(heights[0, roof], height)
+            if kind[pair] == BUILDING:
+                heights[1, roof] = max(heights[1, roof], height)
+            elif kind[pair] == GROUND:
+                numbers[4, roof] += 1
+                heights[2, roof] = max(heights[2, roof], height)
+                ground_way[0, roof] += way[pair, 0]
+                ground_way[1, roof] += way[pair, 1]
+        elif kind[pair] == BUILDING:
+            heights[3, roof] = min(heights[3, roof], height)
+    return numbers, heights, ground_way
+
+
+@kernel
+def level_kernel(
+    point: Integers, way: Values, over: Values, height: Values, most: Values
+) -> tuple[Integers, Values, Values]:
+    """Of each roof point the number (N,) of its pairs within `most` (N,) of a `height` (N,) over its plane,
+    and the sums of the ways (2, N) to them and of their heights (N,)."""
+    number, ways, heights = np.zeros(len(most), np.int64), np.zeros((2, len(most))), np.zeros(len(most))
+    for pair in range(len(point)):
+        roof = point[pair]
+        if abs(over[pair] - height[roof]) <= most[roof]:
+            number[roof] += 1
+            ways[0, roof] += way[pair, 0]
+            ways[1, roof] += way[pair, 1]
+            heights[roof] += over[pair]
+    return number, ways, heights
+
+
 def nearest_distances(
     xyz: Points, slope: NDArray[np.float64], others: Points, radius: float, most: float
 ) -> Values:
     """Distance (N,) of the other epoch's surface over roof points: of the nearest in plan of those no
     farther than `most` (m) from the plane; NaN where there is none."""
     distance = np.full(len(xyz), np.nan)
-    pairs = Pairs.within(xyz, slope, others, plan_tree(others), radius)
-    order = np.lexsort((np.hypot(*pairs.way.T), pairs.point))
-    order = order[np.abs(pairs.over[order]) <= most]
-    point, first = np.unique(pairs.point[order], return_index=True)
-    distance[point] = pairs.over[order[first]]
+    point, _, way, over = pairs_within(xyz, slope, others, plan_tree(others), radius)
+    order = np.lexsort((np.hypot(*way.T), point))
+    order = order[np.abs(over[order]) <= most]
+    point, first = np.unique(point[order], return_index=True)
+    distance[point] = over[order[first]]
     return distance

@@ -131,6 +131,15 @@ LONGEST_NAME = 200
 """Bytes of 255, so that a number, a suffix and the folder of the file in the making have room."""
 
 
+HELD_BYTES = 32_000_000
+"""The models of so many bytes are held while all formats are written; more are decoded for each of them."""
+
+
+def models_of(sources: Iterable[Path]) -> Iterator[BuildingModel | Failure]:
+    """The models of some files, one after the other."""
+    return chain.from_iterable(map(read_models, sources))
+
+
 def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
     """Write formats of a finished run from its files, without its points; the files written.
 
@@ -165,9 +174,9 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
     known = system_of_head(head, sources[0]) if sources else None
     if set(names) & MODEL_FILES.keys():
         assert known is not None
-        written += export_models(
-            folder, lambda: chain.from_iterable(map(read_models, sources)), known, names, made_from
-        )
+        few = sum(path.stat().st_size for path in sources) <= HELD_BYTES
+        held = list(models_of(sources)) if few else []
+        written += export_models(folder, lambda: iter(held or models_of(sources)), known, names, made_from)
     if set(names) & FOOTPRINT_FILES.keys():
         shapes, _, values, system = read_polygons(table, layer="footprints", keep_all=True)
         rows = [

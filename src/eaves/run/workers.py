@@ -324,12 +324,11 @@ def import_libraries_alone() -> None:
     """
     hidden = [name for name in ("pandas", "geopandas", "pyarrow") if name not in sys.modules]
     sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]
-    lent = vars(numpy).setdefault("f2py")
+    vars(numpy)["f2py"] = None
     try:
         import pyogrio.raw  # noqa: F401
         import scipy.ndimage  # noqa: F401
     finally:
         for name in hidden:
             del sys.modules[name]
-        if lent is None:
-            del numpy.f2py
+        del vars(numpy)["f2py"]  # numpy looks for it where it is asked for

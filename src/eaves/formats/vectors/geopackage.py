@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -98,8 +98,9 @@ def write_geopackage(
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
     null. The columns have the order in which the rows name them first. Styles for QGIS and the columns'
-    titles and units are in the file (`eaves.formats.qgis`). Rows are gone through twice, and
-    written piece by piece: an iterable that makes them anew each time needs the memory of one piece.
+    titles and units are in the file (`eaves.formats.qgis`). Rows are written piece by piece, and
+    where there is more than a piece gone through twice: an iterable that makes them anew each time needs the
+    memory of one piece.
 
     Parameters
     ----------
@@ -543,10 +544,11 @@ def _write_layer(
     layer: str,
     provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
-    schema = _Schema.of(rows).completed(layer)
     waiting = iter(rows)
-    piece = list(islice(waiting, PIECE_ROWS if driver == "GPKG" else None))
-    _write_rows(path, piece, schema, system, driver, layer, path.exists(), provenance)
+    first = list(islice(waiting, PIECE_ROWS if driver == "GPKG" else None))
+    schema = _Schema.of(chain(first, waiting)).completed(layer)
+    _write_rows(path, first, schema, system, driver, layer, path.exists(), provenance)
+    waiting = islice(rows, len(first), None) if schema.count > len(first) else iter(())
     while piece := list(islice(waiting, PIECE_ROWS)):
         _write_rows(path, piece, schema, system, driver, layer, append=True)
 

@@ -242,29 +242,47 @@ def divide(places: Values) -> Iterator[Values]:
         yield from divide(half)
 
 
-def step_lines(places: Values, normals: Values, spacing: float) -> Iterator[Line]:
+def step_lines(places: Values, normals: Values, spacing: float) -> list[Line]:
     """Lines across `normals` (A, 2) through places (M, 2), again and again the strip, one spacing wide, that
     holds most of them; of each its longest stretch without a gap.
     """
     width, gap = max(spacing, 0.25), max(2.5 * spacing, 0.8)
-    offsets = normals @ places.T
+    offsets, along = normals @ places.T, normals @ np.vstack([places[:, 1], -places[:, 0]])
     order = np.argsort(offsets, axis=1, kind="stable")
-    columns = np.take_along_axis(offsets, order, axis=1)
-    free = np.ones(len(places), bool)
-    while free.sum() >= FEWEST_PLACES:
+    rows = step_lines_kernel(np.take_along_axis(offsets, order, axis=1), along, order, width, gap)
+    low, high, support = rows[:, 2:].T
+    long = (support >= FEWEST_PLACES) & (high - low >= max(2.0 * spacing, 0.6))
+    return [Line(*normals[int(direction)].tolist(), *line) for direction, *line in rows[long].tolist()]
+
+
+@kernel
+def step_lines_kernel(columns: Values, along: Values, order: Integers, width: float, gap: float) -> Values:
+    """Direction, middle offset, ends and number of places of each stretch (L, 5) that `step_lines` tries.
+
+    `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; the places lie
+    so far `along` (A, M) it.
+    """
+    left, count = columns.shape[1], 0
+    free, rows = np.ones(left, np.bool_), np.empty((left, 5))
+    while left >= FEWEST_PLACES:
         best, start, end = fullest_strip_kernel(columns, order, free, width)
-        strip = order[best, start:end]
-        strip = strip[free[strip]]
-        nx, ny = normals[best].tolist()
-        along = places[strip] @ np.array([-ny, nx])
-        turn = np.argsort(along, kind="stable")
-        breaks = np.flatnonzero(np.diff(along[turn]) > gap) + 1
-        stretch = max(np.split(turn, breaks), key=len)
-        low, high = float(along[stretch].min()), float(along[stretch].max())
-        if len(stretch) >= FEWEST_PLACES and high - low >= max(2.0 * spacing, 0.6):
-            middle = float(np.median(offsets[best, strip[stretch]]))
-            yield Line(nx, ny, middle, low, high, float(len(stretch)))
+        position = start + np.flatnonzero(free[order[best, start:end]])
+        strip = order[best][position]
+        ways = along[best][strip]
+        turn = np.argsort(ways, kind="mergesort")
+        first, most, begin = 0, 0, 0
+        for place in range(1, len(turn) + 1):
+            if place == len(turn) or ways[turn[place]] - ways[turn[place - 1]] > gap:
+                if place - begin > most:
+                    first, most = begin, place - begin
+                begin = place
+        stretch = turn[first : first + most]
         free[strip[stretch]] = False
+        left -= most
+        middle = np.median(columns[best][position[stretch]])
+        rows[count] = (float(best), middle, ways[stretch[0]], ways[stretch[-1]], float(most))
+        count += 1
+    return rows[:count]
 
 
 @kernel
