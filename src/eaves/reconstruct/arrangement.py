@@ -132,7 +132,7 @@ class Arrangement(ObjectLimits):
         roof = points[top]
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
-        cells = self.cells(footprint, roof, labels, coefficients, spacing, ground, emit)
+        cells = self.cells(footprint, roof, labels, coefficients, spacing, ground, ignore)
         if cells is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         plan, reach, located, data = cells
