@@ -356,6 +356,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         del sys.modules[name]
 
 
+@pytest.mark.slow
 def test_the_template_becomes_a_package_whose_method_is_known_by_name(
     package: Path, nine_roofs_file: Path, tmp_path: Path
 ) -> None:

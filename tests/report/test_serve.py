@@ -167,6 +167,7 @@ def test_control_c_ends_it_without_an_error(nine_run: Summary) -> None:
         assert serving.stderr is not None and serving.stderr.read() == ""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=missing())
 def test_a_browser_shows_boxes_far_away_and_models_near__and_the_address_keeps_the_view(
     server: Server, artefacts: Path
