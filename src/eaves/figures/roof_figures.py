@@ -142,7 +142,8 @@ def storey_figures(solids: FaceTable, ground: float) -> Record:
     upper = np.arange(STOREY_M, top, STOREY_M).tolist()
     floors = [solids.section_area(ground + floor + HEADROOM_M) for floor in upper]
     floors.append(solids.section_area(ground + min(HEADROOM_M, 0.5 * top)))
-    full = [solids.section_area(ground + floor + FULL_M) >= FULL_SHARE * max(floors) for floor in upper]
+    least = FULL_SHARE * max(floors)
+    full = [solids.section_area(ground + floor + FULL_M) >= least for floor in upper]
     return {
         "storeysAboveGround": 1 + sum(full),
         "storeys_source": f"{FULL_M} m clear over floors {STOREY_M} m apart",

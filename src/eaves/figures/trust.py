@@ -88,14 +88,19 @@ def lacks_model(row: Mapping[str, Any]) -> bool:
     return row.get("lod") in (None, "0") and bool(row.get("failure_code"))
 
 
+def is_unsupported(row: Mapping[str, Any]) -> bool:
+    """True for a roof of which too little is supported by its points for high trust."""
+    supported = row.get("supported_share")
+    return supported is not None and bool(supported < HIGH)
+
+
 def has_defect(row: Mapping[str, Any]) -> bool:
     """True if a fault that a person can see takes a building out of high trust by itself. A party wall under
     one roof, of which the scan shows nothing, is none.
     """
-    supported = row.get("supported_share")
     gains = trait_gains(row)
     return (
-        (supported is not None and supported < HIGH)
+        is_unsupported(row)
         or any(gains[name] <= -DEFECT_LOSS for name in WORDS)
         or any(doubts_of({**row, "wall_certainty": None}))
     )
@@ -121,10 +126,9 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     gains = trait_gains(row)
     badness = float(1.0 / (1.0 + np.exp(sum(gains.values()))))
     reasons = []
-    supported = row.get("supported_share")
-    if supported is not None and supported < HIGH:
-        badness = max(badness, 1.0 - supported)
-        reasons.append(f"{1.0 - supported:.0%} of the roof is not supported by its points")
+    if is_unsupported(row):
+        badness = max(badness, 1.0 - row["supported_share"])
+        reasons.append(f"{1.0 - row['supported_share']:.0%} of the roof is not supported by its points")
     weak_traits = [name for name, gain in gains.items() if name in WORDS and gain <= -LEAST_LOSS]
     reasons += [WORDS[name].format(**row) for name in sorted(weak_traits, key=lambda name: gains[name])]
     doubts = list(doubts_of(row))
