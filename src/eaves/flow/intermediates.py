@@ -223,7 +223,8 @@ def draw_models(panel: Any, models: Sequence[BuildingModel], number: int) -> Non
     faces = [(solid, face) for solid in solids for face in solid.faces if face.surface != "GroundSurface"]
     rings = [solid.vertices[list(face.rings[0])] for solid, face in faces]
     colours = ["indianred" if face.surface == "RoofSurface" else "lightgrey" for _, face in faces]
-    panel.add_collection3d(Poly3DCollection(rings, facecolors=colours, edgecolor="0.3", linewidths=0.2))
+    shapes = Poly3DCollection(rings, facecolors=colours, edgecolor="0.3", linewidths=0.2)
+    panel.add_collection(shapes, autolim=False)  # its own limits are read off padded, unset vertices
     ends = np.concatenate([solid.vertices for solid in solids])
     low, high = ends.min(axis=0), ends.max(axis=0)
     panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
