@@ -71,7 +71,7 @@ COLUMNS: dict[str, Column] = {
     "rmse_m": Column("RMSE", "m", "root mean square distance of the roof points to the roof"),
     "rmse95_m": Column("RMSE of the best 95 %", "m", "without the worst twentieth of the points"),
     "points": Column("Points", "", "number of points", int),
-    "density": Column("Density", "points/m²", "points over the area of the footprint"),
+    "density": Column("Density", "points/m²", "points that decide over the area of the footprint"),
     "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
     "corners": Column("Corners", "", "of the outline, where it was not given", int),
     "width_m": Column("Width", "m", "of the least rectangle around the outline, where it was not given"),
