@@ -18,7 +18,6 @@ from eaves.figures.trust import judge
 from eaves.flow.exports import export_footprints, export_models, export_points
 from eaves.flow.neighbours import party_walls
 from eaves.flow.numbers import read_numbers
-from eaves.flow.region import Region
 from eaves.flow.review import (
     LAYER,
     REVIEW,
@@ -29,7 +28,7 @@ from eaves.flow.review import (
     write_review,
 )
 from eaves.flow.run import Run, stated_request
-from eaves.flow.step import Step, Work, results_of
+from eaves.flow.step import Region, Step, Work, results_of
 from eaves.flow.steps import GROUND, REGIONS, SHOWN
 from eaves.formats import write_cityjson_seq
 from eaves.formats.qgis.project import write_project

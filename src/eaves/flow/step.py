@@ -6,27 +6,32 @@ declares; they see no store, key or path. A reach is applied here alone.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any, NoReturn
 
 from numpy.typing import NDArray
 
-from eaves.flow.run import Run
-from eaves.model import Block
+from eaves.flow.run import Progress, Run, no_progress
+from eaves.formats import InputError
+from eaves.formats.atomic import DiskFullError
+from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.run.clock import Budget
 from eaves.run.code import Sources, package_sources
 from eaves.run.keys import key_of, modules_of
 from eaves.run.part_file import as_arrays, load_arrays, load_value
+from eaves.run.partition import PartMark
 from eaves.run.points import load_window
 from eaves.run.store import Store
+from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import ring, squares_of
 
-if TYPE_CHECKING:
-    from eaves.flow.region import Region
+log = logging.getLogger("eaves")
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +142,128 @@ class Step:
         values = vars(self.parameters(run)).values()
         methods = (module for value in values for module in modules_of(value))
         return [*(function.__module__ for function in functions if function is not None), *methods]
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Given footprints (world metres), and those that cannot be modelled."""
+
+    footprints: Sequence[Footprint] = ()
+    lost: Sequence[Failure] = ()
+
+
+@dataclass(frozen=True)
+class Visit:
+    """What is remembered of a tile whose buildings are in the store, or of a run in one piece."""
+
+    owners: tuple[Block, ...]
+    blocks: tuple[Block, ...]
+    """Those that the files show."""
+    points: int = 0
+    read: tuple[Bounds, ...] = ()
+    """World metres of all that was read for it."""
+    key: str = ""
+    """Of all that it follows from."""
+
+
+@dataclass(eq=False)
+class Region:
+    """A run's points, and what is noted as they go through the steps."""
+
+    run: Run
+    store: Store
+    workers: Workers = field(default_factory=Workers)
+    progress: Progress = no_progress
+    failed: list[str] = field(default_factory=list)
+    peak: float = field(default_factory=peak_memory_mb)
+    budget: Budget = field(default_factory=Budget)
+    wrong_boxes: dict[int, Bounds] = field(default_factory=dict)
+    points: int = 0
+    """Of the inputs, without those that could not be read."""
+    unread: dict[int, str] = field(default_factory=dict)
+    """Inputs that could not be read to their end, by number, with the reason."""
+    parts: dict[str, PartMark] = field(default_factory=dict)
+    """The parts of inputs that were read, by name."""
+    within: set[Block] | None = None
+    """The blocks whose points were asked for; None for all."""
+    with_points: frozenset[Block] = frozenset()
+    """Of these, those that have points, also those that hold nothing but isolated."""
+    used: frozenset[Block] = frozenset()
+    """Those that have points, without those that hold nothing but isolated."""
+    isolated: dict[Block, int] = field(default_factory=dict)
+    """Blocks left out, with the number of their points."""
+    points_keys: Mapping[str, str] = field(default_factory=dict)
+    """Block, by its name → the key of its points."""
+    brought: dict[str, set[Block]] = field(default_factory=dict)
+    """Step, by its name → the squares whose results are there."""
+    visits: dict[Block | None, Visit] = field(default_factory=dict)
+    """Tile → what was found of it; None → of a run in one piece."""
+    unfinished: frozenset[Block] = frozenset()
+    """The tiles that come later."""
+    given: dict[Block, Given] = field(default_factory=dict)
+    """Tile → the given footprints that it owns."""
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The blocks that are used, in order."""
+        return sorted(self.used)
+
+    @property
+    def shown(self) -> list[Block]:
+        """The blocks that the files show, in order."""
+        return sorted(block for visit in self.visits.values() for block in visit.blocks)
+
+    @property
+    def owners(self) -> list[Block]:
+        """The blocks that own buildings, in order."""
+        return sorted(owner for visit in self.visits.values() for owner in visit.owners)
+
+    def computes(self, step: Step, square: Block) -> bool:
+        """True if a square is a unit of a step; a block is one if it has points."""
+        return step.side is not None or square in (self.with_points if step.isolated else self.used)
+
+    def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
+        """The keys of the points of some blocks, of those that have any."""
+        keys = self.points_keys
+        others = "".join(f" {name}" for name in self.store.fields)
+        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{others}")
+        return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
+
+    def correct_boxes(self) -> None:
+        """Widen the boxes of inputs to where their points were found."""
+        self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
+
+    def refuse(self, reason: str) -> NoReturn:
+        """End the run for its inputs' sake; nothing of it stays."""
+        self.store.discard()
+        raise InputError(reason)
+
+    def note(self, outcome: Outcome, what: str) -> None:
+        """Remember the peak memory of a task, and its error for the report.
+
+        Raises
+        ------
+        DiskFullError
+            When that was the error: there is no use in going on.
+        """
+        self.peak = max(self.peak, outcome.peak_mb)
+        if outcome.full:
+            raise DiskFullError(outcome.error)
+        if outcome.error:
+            self.failed.append(f"{what}: {outcome.error}")
+            log.error("%s", self.failed[-1])
+
+
+def store_of(run: Run) -> Store:
+    """The store of a run's results."""
+    return Store(
+        run.work_folder,
+        has_returns=run.index.has_field("return_number"),
+        has_classes=run.index.has_field("classification"),
+        system=run.index.system,
+        fields=run.recipe.needs,
+        outlasts=bool(run.options["keep"]),
+    )
 
 
 def parameter(run: Run, name: str) -> Any:

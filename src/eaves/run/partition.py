@@ -213,6 +213,19 @@ def partition_slice(
     return mark, seen if lies else None
 
 
+def read_part(
+    task: tuple[FileSlice, str],
+    store: Store,
+    side: float,
+    window: Window,
+    copied: bool,
+    progress: Callable[[int], None] = lambda points: None,
+) -> tuple[PartMark, Bounds | None]:
+    """A part of an input, brought to its blocks, with the key that its mark bears."""
+    part, key = task
+    return partition_slice(part, store, side, window, progress, copied, key)
+
+
 def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: SliceWriter) -> None:
     """Hand a chunk's usable points to the writer, block by block; `first` is the id its file begins with."""
     usable = window.holds(chunk.xyz)
