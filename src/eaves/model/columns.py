@@ -158,7 +158,6 @@ COLUMNS: dict[str, Column] = {
     "given_use": Column("Use", "", "as the map of the footprints has it", str),
     "given_storeys": Column("Storeys on the map", "", "as the map of the footprints has them", int),
     "given_map_height_m": Column("Height on the map", "m", "as the map of the footprints has it"),
-    "tile": Column("Tile", "", "the tile of the run that holds the building", str),
     "edit": Column("Edit", "", "what a user said of the building", str),
     "edit_source": Column("Source of the edit", "", "the file that holds it", str),
     "change": Column("Change", "", "what became of the building between two epochs", str),

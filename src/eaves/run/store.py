@@ -91,6 +91,14 @@ class Store:
         """The folder of a block's points."""
         return self.folder / "points" / block.name
 
+    def part_path(self, name: str) -> Path:
+        """The file of the mark of a part of an input."""
+        return self.folder / "parts" / f"{name}.json"
+
+    def remove_points(self, block: Block) -> None:
+        """Remove the points of a block."""
+        shutil.rmtree(self.points_path(block), ignore_errors=True)
+
     def records_path(self, name: str) -> Path:
         """The file of the records of a part of an input."""
         return self.folder / "records" / f"{name}.bin"
