@@ -107,7 +107,7 @@ def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()
 def squares_to_read(region: Region) -> set[Block] | None:
     """The blocks whose points were asked for, and those around them, which tell what is isolated; None for
     all."""
-    return None if region.within is None else {near for block in region.within for near in ring(block)}
+    return None if region.within is None else {square for block in region.within for square in ring(block)}
 
 
 def read_points(region: Region) -> None:
@@ -266,8 +266,8 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
     """The buildings of an area, from the regions of the blocks that are done, or from given footprints."""
     run = region.run
     if run.given is not None:
-        given = given_in(region, area)
-        plans = assign_footprints(given.footprints, region.blocks, run.first_block, given.lost)
+        owned = given_in(region, area)
+        plans = assign_footprints(owned.footprints, region.blocks, run.first_block, owned.lost)
     else:
         plans = with_addresses(join_regions(seams(region, done)), run.addresses)
     region.budget.step("blocks")
@@ -276,11 +276,11 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
 
 def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     """The results that the join needs, of all blocks that could be computed."""
-    found = []
+    results = []
     for result in results_of(REGIONS, region.store, sorted(blocks)).values():
         with result as file:
-            found.append(Seam.read(file))
-    return found
+            results.append(Seam.read(file))
+    return results
 
 
 def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
@@ -304,9 +304,9 @@ def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
 def size_of(region: Region, plan: OwnedBuildings) -> float:
     """Number of points of an owner block's buildings, or the area (m²) of given ones: a hall may take longer
     than a street."""
-    given = [building.given for building in plan.buildings if building.given is not None]
-    if given:
-        return float(sum(footprint.polygon.area for footprint in given))
+    outlines = [building.given for building in plan.buildings if building.given is not None]
+    if outlines:
+        return float(sum(footprint.polygon.area for footprint in outlines))
     labels = {block: region.store.array(REGIONS.name, block, "label") for block in plan.blocks}
     parts = [part for building in plan.buildings for part in building.regions]
     return float(sum(int((labels[block] == label).sum()) for block, label in parts))
@@ -318,9 +318,9 @@ def end_region(region: Region, complete: bool) -> None:
     store = region.store
     store.drop_records()
     if region.run.options["keep"]:
-        stated = {**request_of(region.run), "plan": region.run.plan}
+        request = {**request_of(region.run), "plan": region.run.plan}
         with atomic(store.folder / REQUEST) as temporary:
-            temporary.write_text(json.dumps(stated), encoding="utf-8")
+            temporary.write_text(json.dumps(request), encoding="utf-8")
     elif complete:
         store.discard()
 

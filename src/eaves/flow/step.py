@@ -131,14 +131,14 @@ class Step:
         """The key of its code with that of the methods it is given, its parameters, the reference system and
         its reaches; `sources` are those of this package unless others are given."""
         values = list(vars(self.parameters(run)).values())
-        reaches = [parameter(run, one.reach) for one in self.takes if one.reach]
+        reaches = [parameter(run, entry.reach) for entry in self.takes if entry.reach]
         return key_of(self.name, (sources or package_sources()).digest(self.modules(run)), values, reaches)
 
     def modules(self, run: Run) -> list[str]:
         """The modules of its functions and of the methods that it is given."""
         functions: list[Callable[..., Any] | None] = [self.see, self.run]
-        functions += [load_window if one.source is None else one.source.load for one in self.takes]
-        functions += [one.load for one in self.takes]
+        functions += [load_window if entry.source is None else entry.source.load for entry in self.takes]
+        functions += [entry.load for entry in self.takes]
         values = vars(self.parameters(run)).values()
         methods = (module for value in values for module in modules_of(value))
         return [*(function.__module__ for function in functions if function is not None), *methods]
@@ -225,8 +225,8 @@ class Region:
     def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
         """The keys of the points of some blocks, of those that have any."""
         keys = self.points_keys
-        others = "".join(f" {name}" for name in self.store.fields)
-        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{others}")
+        more = "".join(f" {name}" for name in self.store.fields)
+        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{more}")
         return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
 
     def correct_boxes(self) -> None:
@@ -320,28 +320,28 @@ class Work:
     @classmethod
     def of(cls, step: Step, run: Run) -> Work:
         """The step as a run asks for it."""
-        reaches = tuple(None if one.reach is None else parameter(run, one.reach) for one in step.takes)
+        reaches = tuple(None if entry.reach is None else parameter(run, entry.reach) for entry in step.takes)
         return cls(step, step.key(run), step.parameters(run), reaches, run.side)
 
     def squares(self, number: int, unit: Any) -> Sequence[Block]:
         """The squares whose values an input of a unit, by its number, may hold, in order."""
-        one, reach = self.step.takes[number], self.reaches[number]
-        side = self.side if one.source is None else one.source.side or self.side
+        entry, reach = self.step.takes[number], self.reaches[number]
+        side = self.side if entry.source is None else entry.source.side or self.side
         if reach is not None:
             return squares_of(home_of(unit).bounds.buffered(reach), side)
         blocks = set(getattr(unit, "blocks", [unit]))
-        for _ in range(one.rings):
-            blocks = {near for block in blocks for near in ring(block)}
+        for _ in range(entry.rings):
+            blocks = {neighbour for block in blocks for neighbour in ring(block)}
         return sorted(blocks)
 
     def load(self, number: int, unit: Any, store: Store) -> Any:
         """An input of a unit, by its number, as the step's function is given it."""
-        one, squares = self.step.takes[number], self.squares(number, unit)
-        if one.source is not None:
-            return results_of(one.source, store, squares)
-        if one.load is not None:
-            return Results(partial(one.load, store), squares)
-        return load_window(store, unit, self.reaches[number] or 0.0, one.ids)
+        entry, squares = self.step.takes[number], self.squares(number, unit)
+        if entry.source is not None:
+            return results_of(entry.source, store, squares)
+        if entry.load is not None:
+            return Results(partial(entry.load, store), squares)
+        return load_window(store, unit, self.reaches[number] or 0.0, entry.ids)
 
     def see(self, unit: Any, store: Store) -> Any:
         """Exactly what the result of a unit follows from."""
@@ -351,16 +351,16 @@ class Work:
     def __call__(self, task: tuple[Any, str], store: Store) -> None:
         """Compute a unit and keep its result, unless one that is there follows from the same."""
         step, (unit, read), home = self.step, task, home_of(task[0])
-        seen = self.see(unit, store)
-        taken = store.key_of(self.key, seen)
+        view = self.see(unit, store)
+        view_key = store.key_of(self.key, view)
         mark = store.mark(step.name, home)
-        arguments = [seen]
+        arguments = [view]
         if step.earlier is not None:
             same = mark is not None and mark.step == self.key
             arguments.append(step.earlier(store.path(step.name, home)) if same else None)
-        if not store.reuse_if_unchanged(step.name, home, read, taken):
+        if not store.reuse_if_unchanged(step.name, home, read, view_key):
             value = step.run(*arguments, self.parameters)
-            store.save(step.name, home, as_arrays(value), read, taken, self.key)
+            store.save(step.name, home, as_arrays(value), read, view_key, self.key)
 
 
 def bring(region: Region, step: Step, units: Sequence[Any]) -> None:
@@ -377,21 +377,21 @@ def bring(region: Region, step: Step, units: Sequence[Any]) -> None:
 def bring_inputs(region: Region, step: Step, units: Sequence[Any]) -> None:
     """All results of other steps that a step takes for some units."""
     work = Work.of(step, region.run)
-    for number, one in enumerate(step.takes):
-        if one.source is not None:
+    for number, entry in enumerate(step.takes):
+        if entry.source is not None:
             squares = {square for unit in units for square in work.squares(number, unit)}
-            bring(region, one.source, sorted(squares - region.brought.get(one.source.name, set())))
+            bring(region, entry.source, sorted(squares - region.brought.get(entry.source.name, set())))
 
 
 def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:
     """The blocks whose points decide the results of a step for some units, by way of all steps it takes."""
     work, blocks = Work.of(step, run), set[Block]()
-    for number, one in enumerate(step.takes):
+    for number, entry in enumerate(step.takes):
         squares = {square for unit in units for square in work.squares(number, unit)}
-        if one.source is None:
+        if entry.source is None:
             blocks |= squares
-        elif not one.source.needs or parameter(run, one.source.needs):
-            blocks |= squares_read(run, one.source, squares)
+        elif not entry.source.needs or parameter(run, entry.source.needs):
+            blocks |= squares_read(run, entry.source, squares)
     return blocks
 
 

@@ -50,16 +50,16 @@ def given_by_tile(run: Run) -> dict[Block, Given]:
         lists(footprint)[0].append(footprint)
     for failure in run.lost:
         lists(failure.footprint)[1].append(failure)
-    return {tile: Given(*some) for tile, some in owned.items()}
+    return {tile: Given(*lists) for tile, lists in owned.items()}
 
 
 def given_in(region: Region, area: Area) -> Given:
     """The given footprints that an area owns."""
     if not area.tiles:
         return Given(region.run.given or (), region.run.lost)
-    some = [region.given[tile] for tile in area.tiles if tile in region.given]
+    parts = [region.given[tile] for tile in area.tiles if tile in region.given]
     return Given(
-        [one for part in some for one in part.footprints], [one for part in some for one in part.lost]
+        [one for part in parts for one in part.footprints], [one for part in parts for one in part.lost]
     )
 
 
@@ -127,8 +127,8 @@ def areas(region: Region) -> Iterator[Area]:
             last = first + step
             region.unfinished = frozenset(todo[last:])
             yield Area(tuple(todo[first:last]), len(region.failed))
-            done = len(tiles) - len(region.unfinished)
-            region.progress("tiles", done, len(tiles))
+            finished = len(tiles) - len(region.unfinished)
+            region.progress("tiles", finished, len(tiles))
         region.correct_boxes()
 
 
@@ -142,7 +142,7 @@ def tiles_of_run(region: Region) -> list[Block]:
 def squares_of_area(region: Region, area: Area) -> set[Block]:
     """The blocks of an area by tiles, those around them, and those under given footprints that it owns."""
     side = region.run.side
-    squares = {near for tile in area.tiles for near in squares_of(tile.bounds.buffered(side), side)}
+    squares = {square for tile in area.tiles for square in squares_of(tile.bounds.buffered(side), side)}
     for footprint in given_in(region, area).footprints:
         squares |= set(squares_touching(Bounds(*footprint.polygon.bounds), side))
     return squares
@@ -206,7 +206,7 @@ def is_visited(region: Region, tile: Block) -> bool:
     if visit is None and store.has(VISITED, tile):
         visit = load_value(store.path(VISITED, tile), VISIT_TYPES)
         units = {BUILDINGS.name: visit.owners, SHOWN.name: visit.blocks}
-        if not all(store.has(name, unit) for name, some in units.items() for unit in some):
+        if not all(store.has(name, unit) for name, places in units.items() for unit in places):
             return False
     if visit is None or visit.key != key_of_tile(region, tile, visit.read):
         return False
@@ -242,7 +242,7 @@ def let_go(region: Region) -> None:
 def reach_of(run: Run) -> float:
     """Distance (m) beyond a tile of the points that its buildings follow from, but for long ones."""
     squares = squares_of(Block(0, 0, run.tile_side).bounds.buffered(run.side), run.side)
-    read = {near for square in squares_read(run, REGIONS, squares) for near in ring(square)}
+    read = {block for square in squares_read(run, REGIONS, squares) for block in ring(square)}
     return WIDE_SQUARE - min(min(square.bounds.west, square.bounds.south) for square in read)
 
 
