@@ -13,10 +13,11 @@ from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import (
     Limits,
     Tolerances,
+    Waiting,
     densify,
     insert_residuals,
     near_surface,
-    residuals,
+    update_residuals,
 )
 from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
@@ -193,61 +194,68 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         return self.separate(cloud, np.zeros(len(cloud), bool), emit)[0]
 
     def separate(
-        self, cloud: PointCloud, over: Mask, emit: Emit = ignore
+        self, cloud: PointCloud, over: Mask, emit: Emit = ignore, core: Bounds | None = None
     ) -> tuple[Mask, NDArray[np.uint8] | None]:
         if len(cloud) < 3:
             return np.ones(len(cloud), bool), None
         spacing = measure_spacing(cloud.xyz)
+        edge = max(2 * self.fine_cell, spacing)
+        asked = np.arange(len(cloud))
+        if core is not None:
+            asked = np.flatnonzero(core.buffered(2 * edge).contains(cloud.xyz))
         looks = self.looks if spacing > self.cell_least and self.seed_cell is None else 1
-        votes = np.zeros(len(cloud), np.int64)
+        votes = np.zeros(len(asked), np.int64)
         for k in range(looks):
             shift = spacing * np.array([k / looks, (2 * k % looks) / looks, 0.0])
-            moved = cloud.with_(xyz=snap(cloud.xyz + shift)) if k else cloud
-            votes += self.ground_mask_in_cells(moved, spacing, over, ignore if k else emit)
-        ground = np.asarray(2 * votes > looks)
-        unsure = (votes > 0) & (votes < looks)
+            xyz = snap(cloud.xyz + shift) if k else cloud.xyz
+            votes += self.ground_mask_in_cells(xyz, asked, spacing, over, ignore if k else emit)
+        mask = 2 * votes > looks
+        doubtful = (votes > 0) & (votes < looks)
         if looks == 1:
-            unsure = edges_without_step(
-                cloud.xyz, ground, max(2 * self.fine_cell, spacing), self.tolerance_most
-            )
-        return ground, np.where(unsure, np.uint8(DOUBTFUL), np.uint8(0))
+            doubtful = edges_without_step(cloud.xyz.take(asked, axis=0), mask, edge, self.tolerance_most)
+        ground, unsure = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.uint8)
+        ground[asked], unsure[asked] = mask, np.where(doubtful, np.uint8(DOUBTFUL), np.uint8(0))
+        return ground, unsure
 
     def ground_mask_in_cells(
-        self, cloud: PointCloud, spacing: float, over: Mask, emit: Emit = ignore
+        self, xyz: Points, asked: NDArray[np.int64], spacing: float, over: Mask, emit: Emit = ignore
     ) -> Mask:
-        """The mask (N,) that the cells give as they lie about the local origin."""
-        xyz = cloud.xyz
+        """The mask (K,) of the points asked for that the cells give as they lie about the local origin."""
         cell = max(self.cell_least, spacing)
         bounds = Bounds.of(xyz)
         if self.seed_cell is not None:
             seeds = lowest_of_cells(xyz, self.seed_cell, bounds)
         else:
-            lowest = lowest_surface(xyz, bounds, cell, self, over)
-            seeds = seeds_by_opening(lowest, self)
-        low = xyz.take(seeds, axis=0)
-        emit("seeds", low)
+            seeds = seeds_by_opening(lowest_surface(xyz, bounds, cell, self, over), self)
+        emit("seeds", xyz.take(seeds, axis=0))
         if len(seeds) == 0:
-            return np.zeros(len(xyz), bool)
+            return np.zeros(len(asked), bool)
+        candidates = lowest_of_cells(xyz, max(self.fine_cell, 0.5 * spacing), bounds)
         waiting = ~over
-        first = seeds[lowest_of_cells(low, 2 * cell)]
+        first = seeds[lowest_of_cells(xyz.take(seeds, axis=0), 2 * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
+        waiting[rest] = False
+        candidates = candidates[waiting[candidates]]
+        used = np.zeros(len(xyz), bool)  # in the TIN: seeds and candidates, and nothing else of the points
+        used[seeds] = used[candidates] = True
+        place = np.cumsum(used) - 1
         around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self)
-        xyz = np.concatenate([xyz, around])
-        tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
-        residual = residuals(tin, xyz, rest, self.steepest)
+        low = np.concatenate([xyz.take(np.flatnonzero(used), axis=0), around])
+        tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(around), len(low))]))
+        others, residual = Waiting.of(place[rest]), np.zeros(len(rest))
+        update_residuals(tin, low, others, residual, self.steepest)
         level = self.tolerances(xyz, rest, residual, bounds)
         noise = self.noise_share * level.usual
-        insert_residuals(tin, xyz, rest, residual, noise, self.steepest)
-        waiting[rest] = False
-        candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
+        insert_residuals(tin, low, others, residual, noise, self.steepest)
         angle = np.radians(self.angle + self.angle_share * spacing)
         limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise, self.steepest)
-        densify(tin, xyz, candidates[waiting[candidates]], limits, self.rounds)
+        densify(tin, low, Waiting.of(place[candidates]), limits, self.rounds)
         if emit is not ignore:
-            emit("triangles", xyz[tin.triangles])
-        near = near_surface(tin, xyz, level, self.slant_share * spacing, self.steepest)
-        return np.asarray(near[: len(cloud)] & ~over)
+            emit("triangles", low[tin.triangles])
+        points, slant = xyz.take(asked, axis=0), self.slant_share * spacing
+        near = near_surface(tin, low, points, level, slant, self.steepest)
+        return np.asarray(near & ~over[asked])
 
     def tolerances(
         self, xyz: Points, seeds: NDArray[np.int64], residual: Values, bounds: Bounds
