@@ -29,7 +29,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points, Values
 from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
-from eaves.raster.grid import empty_raster, whole_cells
+from eaves.raster.grid import EMPTY, empty_raster, whole_cells
 
 
 class AdaptiveTin(Rim, Opening, GroundMethod):
@@ -199,39 +199,45 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         if len(cloud) < 3:
             return np.ones(len(cloud), bool), None
         spacing = measure_spacing(cloud.xyz)
-        edge = max(2 * self.fine_cell, spacing)
-        asked = np.arange(len(cloud))
+        near = np.arange(len(cloud))
         if core is not None:
-            asked = np.flatnonzero(core.buffered(2 * edge).contains(cloud.xyz))
+            near = np.flatnonzero(core.buffered(self.rim_apart).contains(cloud.xyz))
         looks = self.looks if spacing > self.cell_least and self.seed_cell is None else 1
-        votes = np.zeros(len(asked), np.int64)
+        votes = np.zeros(len(near), np.int64)
         for k in range(looks):
             shift = spacing * np.array([k / looks, (2 * k % looks) / looks, 0.0])
             xyz = snap(cloud.xyz + shift) if k else cloud.xyz
-            votes += self.ground_mask_in_cells(xyz, asked, spacing, over, ignore if k else emit)
+            votes += self.ground_mask_in_cells(xyz, near, spacing, over, ignore if k else emit)
         mask = 2 * votes > looks
         doubtful = (votes > 0) & (votes < looks)
         if looks == 1:
-            doubtful = edges_without_step(cloud.xyz.take(asked, axis=0), mask, edge, self.tolerance_most)
+            cell = max(2 * self.fine_cell, spacing)
+            doubtful = edges_without_step(cloud.xyz.take(near, axis=0), mask, cell, self.tolerance_most)
         ground, unsure = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.uint8)
-        ground[asked], unsure[asked] = mask, np.where(doubtful, np.uint8(DOUBTFUL), np.uint8(0))
+        ground[near], unsure[near] = mask, np.where(doubtful, np.uint8(DOUBTFUL), np.uint8(0))
         return ground, unsure
 
     def ground_mask_in_cells(
-        self, xyz: Points, asked: NDArray[np.int64], spacing: float, over: Mask, emit: Emit = ignore
+        self, xyz: Points, near: NDArray[np.int64], spacing: float, over: Mask, emit: Emit = ignore
     ) -> Mask:
-        """The mask (K,) of the points asked for that the cells give as they lie about the local origin."""
+        """The mask (K,) of points that the cells give as they lie about the local origin.
+
+        Objects are told by all points (N, 3), the TIN is made of those `near` (K,).
+        """
         cell = max(self.cell_least, spacing)
-        bounds = Bounds.of(xyz)
         if self.seed_cell is not None:
-            seeds = lowest_of_cells(xyz, self.seed_cell, bounds)
+            seeds = lowest_of_cells(xyz, self.seed_cell)
         else:
-            seeds = seeds_by_opening(lowest_surface(xyz, bounds, cell, self, over), self)
+            seeds = seeds_by_opening(lowest_surface(xyz, Bounds.of(xyz), cell, self, over), self)
+        place = np.full(len(xyz), EMPTY)
+        place[near] = np.arange(len(near))
+        seeds, xyz, waiting = place[seeds], xyz.take(near, axis=0), ~over[near]
+        seeds = seeds[seeds != EMPTY]
         emit("seeds", xyz.take(seeds, axis=0))
         if len(seeds) == 0:
-            return np.zeros(len(asked), bool)
+            return np.zeros(len(near), bool)
+        bounds = Bounds.of(xyz)
         candidates = lowest_of_cells(xyz, max(self.fine_cell, 0.5 * spacing), bounds)
-        waiting = ~over
         first = seeds[lowest_of_cells(xyz.take(seeds, axis=0), 2 * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
@@ -253,9 +259,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         densify(tin, low, Waiting.of(place[candidates]), limits, self.rounds)
         if emit is not ignore:
             emit("triangles", low[tin.triangles])
-        points, slant = xyz.take(asked, axis=0), self.slant_share * spacing
-        near = near_surface(tin, low, points, level, slant, self.steepest)
-        return np.asarray(near & ~over[asked])
+        slant = self.slant_share * spacing
+        return near_surface(tin, low, xyz, level, slant, self.steepest) & ~over[near]
 
     def tolerances(
         self, xyz: Points, seeds: NDArray[np.int64], residual: Values, bounds: Bounds
