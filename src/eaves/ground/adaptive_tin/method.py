@@ -91,7 +91,9 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
 
-    The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m.
+    The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m. The TIN
+    of a block of a run ends `rim_apart` beyond it, as at the edge of data, which changes one point in ten
+    thousand.
     The roughness is measured in squares of 40 m, the spacing over the whole cloud that is given, which in a
     run is a square of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for
     within `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m

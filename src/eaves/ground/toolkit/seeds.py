@@ -14,7 +14,7 @@ from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
-from eaves.raster.interpolate import fill_between, fill_smooth
+from eaves.raster.interpolate import fill_linear, fill_smooth
 
 
 class Opening(TerraceRules):
@@ -75,7 +75,7 @@ def lowest_surface(xyz: Points, bounds: Bounds, cell: float, opening: Opening, o
     centred = np.full(raw.shape, np.nan, np.float32)
     centred[occupied] = moved
     slope = np.hypot(south, east).astype(np.float32)
-    return LowestPoints(number, fill_between(raw.with_(values=centred)), slope, above)
+    return LowestPoints(number, fill_linear(raw.with_(values=centred)), slope, above)
 
 
 def seeds_by_opening(lowest: LowestPoints, opening: Opening) -> NDArray[np.int64]:
@@ -87,7 +87,7 @@ def seeds_by_opening(lowest: LowestPoints, opening: Opening) -> NDArray[np.int64
     surface, occupied = lowest.surface, lowest.number != EMPTY
     objects = stands_out(surface, opening, lowest.slope) | lowest.over
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
-    objects |= stands_out(fill_between(bare), opening, lowest.slope)
+    objects |= stands_out(fill_linear(bare), opening, lowest.slope)
     objects &= ~find_terraces(surface, objects, occupied, opening) | lowest.over
     return np.asarray(lowest.number[occupied & ~objects])
 
