@@ -64,7 +64,7 @@ def lowest_surface(xyz: Points, bounds: Bounds, cell: float, opening: Opening, o
     bare = Raster(np.where(above, np.float32(np.nan), heights), bounds.west, bounds.north, cell)
     south, east = slopes_of(bare, opening)
     rows, columns = np.nonzero(occupied)
-    at = xyz[number[occupied]]
+    at = xyz.take(number[occupied], axis=0)
     moved = heights[occupied].astype(np.float64)
     moved += east[occupied] * (bounds.west + (columns + 0.5) * cell - at[:, 0])
     moved -= south[occupied] * (bounds.north - (rows + 0.5) * cell - at[:, 1])
