@@ -78,10 +78,10 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
       twice, so that a roof between roofs is found.
-    - A piece over `wide_area` that the opening took, and that meets the ground without a step on more than
-      `level_share` of its rim, is terrain again. Roofs step down on all sides, spurs and high fields do not:
-      this tells a hall from a terrace, whatever their size. A wide piece that is nearly nowhere a `wall` over
-      the ground is terrain too: a terrace the rim of the data cuts.
+    - A piece that the opening took, and that meets the ground without a step on more than a share of its rim,
+      is terrain again. Roofs step down on all sides, spurs and high fields do not. The share is `level_share`
+      at `wide_area`, and goes with the fourth root of the area: a short rim says less. A wide piece that is
+      nearly nowhere a `wall` over the ground is terrain too: a terrace the rim of the data cuts.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - Where the spacing is more than `cell_least` a cell holds one point, and where the borders of the cells
       fall decides what is an object. So the ground is found in `looks` sets of cells, shifted against each
@@ -224,7 +224,7 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     ) -> Mask:
         """The mask (K,) of points that the cells give as they lie about the local origin.
 
-        Objects are told by all points (N, 3), the TIN is made of those `near` (K,).
+        Objects are looked for among all points (N, 3); the TIN is made of those `near` (K,).
         """
         cell = max(self.cell_least, spacing)
         if self.seed_cell is not None:
