@@ -16,7 +16,7 @@ ogr2ogr all.gpkg out/footprints.gpkg -dialect sqlite \\
   -sql "SELECT * FROM footprints LEFT JOIN attributes USING (id)"
 ```
 The formats geojson, fgb and parquet, `eaves.to_geopandas` and the CityJSON have all together.
-Columns of a map (`given_…`), of an update or an edit, and `tile` of a run by tiles follow in `footprints`.
+Columns of a map (`given_…`) and of an update or an edit follow in `footprints`.
 """
 TITLES = {
     "footprints": "Layer `footprints`",

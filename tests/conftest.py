@@ -13,9 +13,9 @@ import laspy
 import numpy as np
 import pytest
 
-from eaves.flow.run import open_run
+from eaves.flow.run import Progress, no_progress, open_run
 from eaves.model.summary import Summary
-from eaves.pipeline import build_run, end_run, hold_folder
+from eaves.pipeline import Correction, build_run, end_run, hold_folder, no_correction
 from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
 
 
@@ -61,12 +61,16 @@ def build_in_blocks(
     *words: Any,
     sink: Any = None,
     allow_failures: bool = False,
+    tile_blocks: int = 1,
+    progress: Progress = no_progress,
+    correction: Correction = no_correction,
     **options: Any,
 ) -> Summary:
-    """What `eaves.pipeline.build` writes with blocks of a side (m), of which small scenes have several."""
-    run = replace(open_run(inputs, out, *words, **options), side=side)
+    """What `eaves.pipeline.build` writes with blocks of a side (m), of which small scenes have several, and
+    with `per_tile` in tiles of so many blocks a side."""
+    run = replace(open_run(inputs, out, *words, **options), side=side, tile_side=tile_blocks * side)
     with hold_folder(run) as workers:
-        summary = build_run(run, workers, sink=sink)
+        summary = build_run(run, workers, progress, sink, correction)
         end_run(run, summary)
     return summary.checked(allow_failures)
 

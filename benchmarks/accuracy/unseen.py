@@ -38,7 +38,7 @@ from eaves.flow.run import no_progress, open_run
 from eaves.flow.steps import REGIONS
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
-from eaves.pipeline import bring_points, find_plans
+from eaves.pipeline import find_plans
 from eaves.recipe.recipe import Recipe, make_recipe
 from eaves.run.workers import Workers
 
@@ -112,7 +112,6 @@ def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[st
             outputs = ("footprints", "classified")
             run = open_run(bare, folder / recipe.ground.name, recipe, outputs=outputs, resume=True)
             region = open_region(run, Workers(), no_progress)
-            bring_points(region)
             plans = find_plans(region)
             if region.failed:
                 raise RuntimeError(region.failed[0])

@@ -1,18 +1,16 @@
-"""Index, plan and merge for a country: a million headers, their tiles, and what the tiles wrote.
+"""Index and plan for a country: a million headers, and their tiles.
 
-usage: python -m benchmarks.scale.index [--files N] [--tiles N] [--rows N]
+usage: python -m benchmarks.scale.index [--files N]
 
 The files are LAZ of 1 km² with a header like AHN's, its records and the first point, and a hole as long as
-their points would be: all that an index reads. The merge is measured on tiles of so many made-up footprints.
-Index and merge are measured in a process each. A million files take 16 GB of disk, or 6 GB of memory with
-TMPDIR in memory.
+their points would be: all that an index reads. The index is measured in a process of its own. A million files
+take 16 GB of disk, or 6 GB of memory with TMPDIR in memory.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,24 +21,20 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pyproj
-import shapely
 
 from benchmarks.table import keep
-from eaves.flow.merge import merge_footprints
-from eaves.flow.run import Run
-from eaves.flow.tiles import TileTasks, plan_tiles
+from eaves.flow.run import TILE_SIDE
+from eaves.flow.tiles import inputs_meeting, plan_tiles
 from eaves.formats.inputs import list_inputs
-from eaves.formats.vectors.geopackage import Row, write_geopackage
-from eaves.model import CoordinateSystem
-from eaves.recipe.recipe import make_recipe
 from eaves.run.index import index_inputs
-from eaves.run.partition import Window
 from eaves.run.workers import peak_memory_mb
 
 FILE_POINTS = 10_000_000
 FILE_SIDE = 1000.0
 FILE_BYTES = 50_000_000
-TASKS_TRIED = 200
+TILES_TRIED = 200
+REACH_M = 2000.0
+"""Distance beyond a tile of the points that it is computed from, about."""
 Figures = dict[str, object]
 
 
@@ -70,25 +64,6 @@ def make_headers(folder: Path, count: int) -> None:
             file.truncate(FILE_BYTES)
 
 
-def make_tiles(folder: Path, count: int, rows: int) -> list[Path]:
-    """Folders of tiles with a GeoPackage of so many footprints each, all alike."""
-    shapes = [shapely.box(20.0 * k, 0.0, 20.0 * k + 10, 10.0) for k in range(rows)]
-    about = {"id": "b354_1863_101_77", "number": 1, "score": 0.93, "area_m2": 100.0, "lod": "2.2"}
-    about |= {
-        name: 12.34 for name in ("h_ground", "h_eaves", "h_ridge", "volume_m3", "roof_area_m2", "rmse_m")
-    }
-    faces = [Row(shapely.force_3d(shape, 3.0), {"building_id": "b", "slope_deg": 31.0}) for shape in shapes]
-    first = folder / "template.gpkg"
-    write_geopackage(
-        first, [Row(shape, about) for shape in shapes], [f for face in faces for f in (face, face)]
-    )
-    places = [folder / f"{k}_0" for k in range(count)]
-    for place in places:
-        place.mkdir()
-        shutil.copy(first, place / "footprints.gpkg")
-    return places
-
-
 def timed(step: str, number: int, act: Callable[[], object]) -> Figures:
     """A row: wall and processor seconds of one step, and the peak memory so far."""
     started, busy = time.perf_counter(), time.process_time()
@@ -112,64 +87,35 @@ def measure_index(folder: Path) -> list[Figures]:
     found |= {"number": len(paths), "answer": ""}
     made = timed("index their headers", len(paths), lambda: index_inputs(paths, None, []))
     index = made["answer"]
-    planned = timed("plan the tiles", len(paths), lambda: plan_tiles(index, 240.0))  # type: ignore[arg-type]
+    planned = timed("plan the tiles", len(paths), lambda: plan_tiles(index, TILE_SIDE))  # type: ignore[arg-type]
     tiles = planned["answer"]
     assert isinstance(tiles, list)
-    run = Run(folder, make_recipe(), index, Window(), {})  # type: ignore[arg-type]
-    some = tiles[:: max(1, len(tiles) // TASKS_TRIED)]
-    sent = timed(
-        "tasks of some tiles", len(some), lambda: [len(task.numbers) for task in TileTasks(run, some)]
+    some = tiles[:: max(1, len(tiles) // TILES_TRIED)]
+    met = timed(
+        "inputs of some tiles",
+        len(some),
+        lambda: [len(inputs_meeting(index, [tile.bounds.buffered(REACH_M)])) for tile in some],  # type: ignore[arg-type]
     )
-    sent["answer"] = f"{np.mean(sent['answer']):.0f} files each"  # type: ignore[call-overload]
-    return [before, found, made | {"answer": ""}, planned | {"answer": f"{len(tiles)} tiles"}, sent]
-
-
-def measure_merge(folder: Path, rows: int) -> list[Figures]:
-    """Merging what the tiles wrote."""
-    places = sorted(place for place in folder.iterdir() if place.is_dir())
-    whole = folder / "footprints.gpkg"
-    return [
-        timed(
-            f"merge tiles of {rows} footprints",
-            len(places),
-            lambda: merge_footprints(whole, places, CoordinateSystem()),
-        )
-        | {"answer": f"{whole.stat().st_size / 1e6:.0f} MB" if whole.exists() else ""}
-    ]
+    met["answer"] = f"{np.mean(met['answer']):.0f} files each"  # type: ignore[call-overload]
+    return [before, found, made | {"answer": ""}, planned | {"answer": f"{len(tiles)} tiles"}, met]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--files", type=int, default=1_000_000)
-    parser.add_argument("--tiles", type=int, default=2000)
-    parser.add_argument("--rows", type=int, default=150)
-    parser.add_argument("--measure", choices=("index", "merge"))
-    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.measure:
-        measured = (
-            measure_index(asked.folder)
-            if asked.measure == "index"
-            else measure_merge(asked.folder, asked.rows)
-        )
-        print(json.dumps(measured))
+        print(json.dumps(measure_index(asked.measure)))
         return
-    rows: list[Figures] = []
     with tempfile.TemporaryDirectory() as name:
-        make_headers(Path(name) / "files", asked.files)
-        (Path(name) / "tiles").mkdir()
-        make_tiles(Path(name) / "tiles", asked.tiles, asked.rows)
-        for what, folder in (("index", "files"), ("merge", "tiles")):
-            words = [sys.executable, "-m", "benchmarks.scale.index", "--measure", what]
-            words += ["--rows", str(asked.rows)]
-            done = subprocess.run(
-                [*words, "--folder", str(Path(name) / folder)], capture_output=True, text=True, check=True
-            )
-            rows += json.loads(done.stdout.splitlines()[-1])
-    command = (
-        f"python -m benchmarks.scale.index --files {asked.files} --tiles {asked.tiles} --rows {asked.rows}"
-    )
-    keep("index", "Index, plan and merge for a country", rows, command)
+        folder = Path(name) / "files"
+        make_headers(folder, asked.files)
+        words = [sys.executable, "-m", "benchmarks.scale.index", "--measure", str(folder)]
+        done = subprocess.run(words, capture_output=True, text=True, check=True)
+        rows = json.loads(done.stdout.splitlines()[-1])
+    command = f"python -m benchmarks.scale.index --files {asked.files}"
+    keep("index", "Index and plan for a country", rows, command)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ Each step is a function of `flow/region.py` on one region. Those whose results a
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,14 +24,16 @@ from typing import TYPE_CHECKING, NamedTuple, Unpack
 from eaves.buildings.building_file import Kept
 from eaves.flow import region as steps
 from eaves.flow.collisions import edits_and_work
-from eaves.flow.outputs import begin_writing, finished_models, write_outputs
-from eaves.flow.region import Core, Region, TooNarrowError
+from eaves.flow.outputs import finished_models, write_outputs
+from eaves.flow.region import Region
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
-from eaves.formats.atomic import DiskFullError, clear_leftovers, report_full_disk
+from eaves.flow.tiles import WHOLE, Area, areas, leave
+from eaves.formats.atomic import clear_leftovers, report_full_disk
 from eaves.model import Block, BuildingModel, CoordinateSystem, Failure
 from eaves.model.provenance import Provenance
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
+from eaves.run.keys import BUILDINGS
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import end_manifest
 from eaves.run.options import RunOptions, list_options
@@ -40,8 +43,8 @@ from eaves.run.workers import Workers
 if TYPE_CHECKING:
     from eaves.buildings.join import OwnedBuildings
     from eaves.flow.classified_points import PointSink
-    from eaves.flow.tiles import TileDone, TileTask
 
+log = logging.getLogger("eaves")
 
 Correction = Callable[[Region, list[Block]], list[Block]]
 """Changes the buildings of a region, which blocks own; returns the blocks that own buildings then."""
@@ -161,7 +164,6 @@ def model_buildings(
         run = open_run(inputs, Path(folder) / "out", recipe, **options)
         with hold_folder(run) as workers:
             region = steps.open_region(run, workers, no_progress)
-            bring_points(region)
             models = list(finished_models(Kept(region.store), find_buildings(region)))
         buildings = ModelledBuildings(models, region.store.system, run.provenance)
         if region.failed:
@@ -187,18 +189,16 @@ def build_run(
     sink: PointSink | None = None,
     correct: Correction = no_correction,
 ) -> Summary:
-    """All files of a run but for the report: as one region, its buildings corrected, or tile by tile."""
+    """All files of a run but for the report, its buildings corrected."""
     if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
         workers.start(partial(steps.import_methods, run.recipe))
     if run.options["overwrite"] and run.classified is None:
         set_aside(run.folder, [path for path, _ in edits_and_work(run.folder, run.planned)])
     run = look_at_scan(run)  # while they start
-    if run.by_tiles:
-        return build_tiles(run, workers, progress)
+    if run.by_tiles and set(run.options["outputs"]) & {"classified"}:
+        log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
     region = steps.open_region(run, workers, progress)
-    summary = build_region(region, sink, correct)
-    steps.warn_of_wrong_boxes(run.index, region.wrong_boxes)
-    return summary
+    return build_region(region, sink, correct)
 
 
 def end_run(run: Run, summary: Summary) -> None:
@@ -212,82 +212,30 @@ def end_run(run: Run, summary: Summary) -> None:
 def build_region(
     region: Region, sink: PointSink | None = None, correct: Correction = no_correction
 ) -> Summary:
-    """The buildings, rasters and points of the region's core; its results go when nothing failed.
-
-    Raises
-    ------
-    TooNarrowError
-        When the bounds loaded do not hold the core's buildings.
-    """
+    """All files of a region; its results go when nothing failed."""
     steps.drop_upkeep(region)
-    bring_points(region)
     owners = correct(region, find_buildings(region))
     summary = write_outputs(region, owners, sink)
     steps.end_region(region, summary.complete)
     return summary
 
 
-def bring_points(region: Region) -> None:
-    """Every step from the files to the points of the region's blocks."""
-    steps.read_points(region)
-    steps.replace_points(region)
-    steps.use_blocks(region)
-
-
 def find_buildings(region: Region) -> list[Block]:
-    """Every step from the points to the buildings of the region's core; the blocks that own them."""
-    plans = find_plans(region)
-    steps.model_buildings(region, plans)
-    return [plan.owner_block for plan in plans]
+    """Every step from the files to the buildings, all at once or tile by tile; the blocks that own them."""
+    for area in areas(region):
+        plans = find_plans(region, area)
+        steps.model_buildings(region, plans)
+        leave(region, area, plans)
+    steps.check_blocks(region)
+    region.store.keep_only(BUILDINGS, region.owners)
+    return region.owners
 
 
-def find_plans(region: Region) -> list[OwnedBuildings]:
-    """Every step from the points to the buildings of the region's core before they are modelled."""
-    todo, done = region.own_blocks, list[Block]()
+def find_plans(region: Region, area: Area = WHOLE) -> list[OwnedBuildings]:
+    """Every step from the files to the buildings of an area before they are modelled."""
+    todo, done = steps.blocks_of(region, area), list[Block]()
     while todo:
         steps.find_regions(region, todo)
         done += todo
-        todo = steps.blocks_ahead(region, done)
-    return steps.join_buildings(region, done)
-
-
-def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
-    """The whole run, tile by tile: folders `tiles/<column>_<row>`, and over them one footprints.gpkg and one
-    virtual raster each of terrain, surface and mask.
-
-    An input whose header puts it elsewhere than its points is found out by the first tile that reads it; the
-    tiles it does lie in are then computed with it.
-    """
-    from eaves.flow.tiles import Tiles  # late: most runs have none
-
-    begin_writing(run)
-    tiles = Tiles(run)
-    while tiles.todo:
-        for count, outcome in enumerate(workers.run(build_tile, tiles.tasks()), 1):
-            if outcome.full:
-                raise DiskFullError(outcome.error)
-            tiles.note(outcome)
-            progress("tiles", count, len(tiles.todo))
-        tiles.look_again()
-    steps.warn_of_wrong_boxes(run.index, tiles.wrong_boxes)
-    begin_writing(run)
-    return tiles.merge(workers, progress)
-
-
-def build_tile(task: TileTask) -> TileDone:
-    """One tile with its files in its folder; an earlier run's where it matches."""
-    from eaves.flow.tiles import known_tile, widened
-
-    earlier = known_tile(task)
-    if earlier is not None:
-        return earlier
-    while True:
-        region = steps.open_region(task.run, Workers(), no_progress, Core(task.holds, task.loaded))
-        try:
-            summary = build_region(region)
-            break
-        except TooNarrowError:
-            region.store.discard()
-            task = widened(task)
-    end_manifest(task.run.folder, summary.files, summary.complete)
-    return task.done(region.wrong_boxes)
+        todo = steps.blocks_ahead(region, area, done)
+    return steps.join_buildings(region, area, done)

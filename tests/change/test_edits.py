@@ -231,9 +231,6 @@ def test_without_a_run_the_remedy_is_told(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     with pytest.raises(InputError, match="build it again with --keep"):
         update(tmp_path / "out")
-    (tmp_path / "out" / "run.json").write_text(json.dumps({"tiles": 2}))
-    with pytest.raises(InputError, match="build a part of it with --bounds and --keep"):
-        update(tmp_path / "out")
 
 
 def test_a_verdict_that_is_not_known_is_refused__and_nothing_changes(out: Path) -> None:

@@ -45,7 +45,7 @@ def gabled(west: float = 0.0) -> Solid:
     walls = [((0, 1, 5, 4),), ((1, 2, 6, 9, 5),), ((2, 3, 7, 6),), ((3, 0, 4, 8, 7),)]
     faces = [Face(((3, 2, 1, 0),), GROUND_SURFACE), *(Face(ring, WALL_SURFACE) for ring in walls)]
     faces += [Face(((4, 5, 9, 8),), ROOF_SURFACE, 0), Face(((8, 9, 6, 7),), ROOF_SURFACE, 1)]
-    return Solid(np.column_stack([x, y, z]), tuple(faces))
+    return Solid.of(np.column_stack([x, y, z]), tuple(faces))
 
 
 def house(name: str, parts: int = 1) -> BuildingModel:

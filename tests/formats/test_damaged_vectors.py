@@ -38,7 +38,7 @@ def flat_house() -> BuildingModel:
     low, high = [[0, 0, 1], [10, 0, 1], [10, 8, 1], [0, 8, 1]], [[0, 0, 6], [10, 0, 6], [10, 8, 6], [0, 8, 6]]
     walls = [Face(((i, (i + 1) % 4, (i + 1) % 4 + 4, i + 4),), "WallSurface") for i in range(4)]
     faces = (Face(((3, 2, 1, 0),), "GroundSurface"), Face(((4, 5, 6, 7),), "RoofSurface", 0), *walls)
-    solid = Solid(np.array(low + high, float), faces)
+    solid = Solid.of(np.array(low + high, float), faces)
     return BuildingModel(
         Footprint(SQUARE, (85000.0, 447000.0), "b1"), {"1.2": (solid,), "2.2": (solid, solid)}
     )

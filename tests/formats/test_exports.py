@@ -50,7 +50,7 @@ def block_with_court(base: float = 2.0, height: float = 7.0) -> Solid:
             Face(((a, b, b + count, a + count),), WALL_SURFACE)
             for a, b in zip(ring, ring[1:] + ring[:1], strict=True)
         ]
-    return Solid(vertices, tuple(faces))
+    return Solid.of(vertices, tuple(faces))
 
 
 def model_at(origin: tuple[float, float], name: str) -> BuildingModel:
@@ -85,7 +85,7 @@ def test_triangles_close_around_a_court() -> None:
 def test_a_sloped_concave_face_is_covered() -> None:
     ring = np.array([[0, 0], [9, 0], [9, 4], [5, 4], [5, 8], [0, 8]], float)
     vertices = np.column_stack([ring, 0.7 * ring[:, 0] - 1.3 * ring[:, 1] + 5])
-    mesh = mesh_of_solids([Solid(vertices, (Face((tuple(range(6)),), ROOF_SURFACE),))])
+    mesh = mesh_of_solids([Solid.of(vertices, (Face((tuple(range(6)),), ROOF_SURFACE),))])
     found = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
     assert found.area == pytest.approx(Polygon(ring).area * np.sqrt(1 + 0.7**2 + 1.3**2))
     assert (found.face_normals[:, 2] > 0).all()

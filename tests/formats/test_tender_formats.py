@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
@@ -29,7 +30,7 @@ from eaves.formats import (
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.models.citygml import CITYGML_2, CITYGML_3, Version
 from eaves.formats.vectors.geopackage import Row, write_polygons
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
+from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint
 from eaves.model.building import Installation
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.simulate.objects.solids import extrude_partition
@@ -51,7 +52,7 @@ def town() -> list[BuildingModel | Failure]:
         models.append(model.with_(footprint=model.footprint.with_(origin=PLACE)))
     first = models[0]
     assert isinstance(first, BuildingModel)
-    moved = tuple(Solid(solid.vertices + [30.0, 0, 0], solid.faces) for solid in first.solids[first.lod])
+    moved = tuple(replace(solid, vertices=solid.vertices + [30.0, 0, 0]) for solid in first.solids[first.lod])
     models[0] = first.with_(solids={**first.solids, first.lod: first.solids[first.lod] + moved})
     box = shapely.box(200, 0, 210, 10)
     print_ = Footprint(box, PLACE, "none & <no>", 0.5, {"floors": 3, "flat": True})

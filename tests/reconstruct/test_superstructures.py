@@ -87,7 +87,7 @@ def test_body_of_an_object_stands_on_the_roof__across_the_ridge_too(y: float) ->
     assert above.min() > 0.0 and above.max() < 0.02
     one = Installation("chimney", shapely.box(2.6, y - 0.4, 3.4, y + 0.4), 4.5, 1.0, 9, body)
     assert validate_model(model.with_(installations=(one,))) == []
-    sunk = replace(one, solid=Solid(body.vertices - [0.0, 0.0, 0.1], body.faces))
+    sunk = replace(one, solid=Solid.of(body.vertices - [0.0, 0.0, 0.1], body.faces))
     assert [found.code for found in validate_model(model.with_(installations=(sunk,)))] == [601]
 
 

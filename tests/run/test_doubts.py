@@ -16,8 +16,7 @@ from tests.conftest import build_in_blocks
 from eaves.blocks.block import block_pass
 from eaves.blocks.block_file import BlockFile, block_arrays
 from eaves.figures.rows import BuildingRow
-from eaves.flow import tiles
-from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
+from eaves.flow.review import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.formats.vectors.geopackage import read_polygons
 from eaves.ground import classify_ground
 from eaves.model import Block
@@ -66,9 +65,7 @@ def layer_of(folder: Path) -> list[tuple[object, ...]]:
     ]
 
 
-def test_doubts_are_told_in_all_files_and_once_also_by_tiles(
-    cut_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doubts_are_told_in_all_files_and_once_also_by_tiles(cut_file: Path, tmp_path: Path) -> None:
     whole = build(cut_file, tmp_path / "whole")
     told = json.loads((tmp_path / "whole" / "run.json").read_text())["doubts"]
     found = layer_of(tmp_path / "whole")
@@ -78,7 +75,6 @@ def test_doubts_are_told_in_all_files_and_once_also_by_tiles(
     line = f"doubts: {len(found)}, see the layer doubts of footprints.gpkg"
     assert line in whole.as_text().splitlines()
     assert line in describe_run(tmp_path / "whole")
-    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
     tiled = build(cut_file, tmp_path / "tiled", per_tile=True)
     assert layer_of(tmp_path / "tiled") == found
     assert tiled.run["doubts"] == whole.run["doubts"]

@@ -14,7 +14,6 @@ import shapely
 from tests.conftest import build_in_blocks
 from tests.formats.cityjson_schema import schema_defects
 
-from eaves.flow import tiles
 from eaves.footprints.read import read_footprints
 from eaves.formats import InputError
 from eaves.formats.vectors.geopackage import Row, write_polygons
@@ -55,9 +54,8 @@ EXPECTED |= {"other side": "outside"}
 
 
 def test_each_has_one_row_also_by_tiles_and_the_rest_stays_building(
-    given: Path, nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    given: Path, nine_roofs_file: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
     for name, per_tile in (("given", False), ("tiled", True)):
         out = tmp_path / name
         summary = build(nine_roofs_file, out, footprints=given, id_field="name", per_tile=per_tile)

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio.windows import from_bounds
 
-from eaves.formats import InputError
 from eaves.model import Block
 from eaves.pipeline import build
+from eaves.run.manifest import check_folder
 from eaves.run.partition import find_isolated_blocks
 from eaves.run.store import RECORD, Store
 
@@ -53,12 +55,19 @@ def test_a_strewn_cloud_gives_valid_empty_results_at_once(
     assert "are left out" in caplog.text
 
 
-def test_rasters_over_a_continent_are_refused_before_the_work(tmp_path: Path) -> None:
+def test_rasters_over_a_continent_are_written_where_points_lie(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     near = rng.random((500, 3)) * [30, 30, 0]
-    np.savetxt(tmp_path / "a.xyz", np.concatenate([near, near + [3e6, 2e6, 0]]), "%.2f")
+    np.savetxt(tmp_path / "a.xyz", np.concatenate([near, near + [3e6, 2e6, 7]]), "%.2f")
     out = tmp_path / "out"
-    with pytest.raises(InputError, match="check the coordinates"):
-        build(tmp_path / "a.xyz", out)
-    assert list(out.iterdir()) == []
+    assert build(tmp_path / "a.xyz", out).complete
+    assert len(list((out / "tiles").glob("*/dtm.tif"))) == len(list((out / "tiles").glob("*/mask.tif"))) == 2
+    assert not (out / "dtm.tif").exists()
+    for place, height in ((np.array([15.0, 15.0]), 0.0), (np.array([3e6 + 15, 2e6 + 15]), 7.0)):
+        with rasterio.open(out / "dtm.vrt") as terrain, rasterio.open(out / "mask.vrt") as mask:
+            window = from_bounds(*(place - 5), *(place + 5), transform=terrain.transform)
+            assert terrain.read(1, window=window) == pytest.approx(height, abs=1e-3)
+            assert not mask.read(1, window=from_bounds(*place, *(place + 5), mask.transform)).any()
+    assert check_folder(out) == []
     assert build(tmp_path / "a.xyz", out, outputs=("models",)).complete
+    assert not (out / "tiles").exists()

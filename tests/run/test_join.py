@@ -55,7 +55,7 @@ def test_no_regions_no_buildings() -> None:
 def test_a_given_footprint_is_at_home_in_one_block_and_sees_all_it_covers() -> None:
     across = Footprint(shapely.box(200, 10, 250, 20), id="a")
     far = Footprint(shapely.box(1e6, 0, 1e6 + 9, 9), id="b")
-    plans = assign_footprints([across, far], [WEST, EAST, FAR], WEST.side)
+    plans = assign_footprints([across, far], [WEST, EAST, FAR], WEST)
     assert [getattr(one.failure, "code", None) for plan in plans for one in plan.buildings] == [
         None,
         "outside",

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import pyogrio
 import pytest
-import rasterio
 import shapely
 from tests.conftest import build_in_blocks, write_laz
-
-from eaves.flow import tiles
+from tests.run.test_tiles import contents
 
 BLOCK = 48.0
 SIDE = BLOCK * 5
@@ -92,21 +90,8 @@ def test_blocks_larger_than_the_buildings_find_the_same_two(
 
 
 @pytest.mark.slow  # tests/run/test_tiles.py holds the same law on smaller scenes
-def test_tile_by_tile_gives_what_the_whole_run_gives(
-    points: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tiles, "TILE_BLOCKS", 2)
-    summary = build_in_blocks(BLOCK, points, tmp_path, per_tile=True)
-    assert summary.complete
-    written = sorted((tmp_path / "tiles").glob("*/buildings.city.jsonl"))
-    assert features([whole / "buildings.city.jsonl"]) == features(written)
-    one, other = footprints(whole), footprints(tmp_path)
-    assert one.keys() == other.keys()
-    assert all(one[name].equals(other[name]) for name in one)
-    for name in ("dtm", "dsm", "mask"):
-        with (
-            rasterio.open(whole / f"{name}.tif") as image,
-            rasterio.open(tmp_path / f"{name}.vrt") as virtual,
-        ):
-            assert image.bounds == virtual.bounds
-            assert np.array_equal(image.read(1), virtual.read(1), equal_nan=name != "mask")
+def test_tile_by_tile_gives_what_the_whole_run_gives(points: Path, tmp_path: Path) -> None:
+    outputs = ("footprints", "models", "rasters", "mask")
+    build_in_blocks(BLOCK, points, tmp_path / "whole", outputs=outputs)
+    build_in_blocks(BLOCK, points, tmp_path / "tiled", outputs=outputs, per_tile=True, tile_blocks=2)
+    assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")

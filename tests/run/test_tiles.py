@@ -1,7 +1,13 @@
-"""Tiles: given footprints, what a second run keeps, and what a failing tile leaves to the others."""
+"""A run by tiles writes what a run in one piece writes, to the byte, also broken off and gone on with."""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import re
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -10,92 +16,157 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from rasterio.windows import from_bounds
 from tests.conftest import build_in_blocks
-from tests.run.test_long_buildings import features
 
 from eaves import pipeline
-from eaves.flow import tiles
+from eaves.buildings.building_file import Kept
+from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit
+from eaves.change.upkeep.corrected import correct, outlines_in
+from eaves.change.upkeep.update import update
+from eaves.flow.region import Region
 from eaves.formats.vectors.geopackage import Row, write_geopackage
-from eaves.model import CoordinateSystem
+from eaves.model import Block, CoordinateSystem
+from eaves.model.summary import IncompleteRunError
+from eaves.run.manifest import check_folder, read_facts
 from eaves.simulate.objects.roofs import ExactScene
 
-build = partial(build_in_blocks, 60.0)
+SIDE = 60.0
+build = partial(build_in_blocks, SIDE, outputs=("footprints", "models", "rasters", "mask"))
+tiled = partial(build, per_tile=True)
 
 PLACE = np.array([84960.0, 447120.0])
+TIME = r"\d{4}-\d\d-\d\dT[\d:.]+Z"
+
+
+def contents(out: Path) -> dict[str, object]:
+    """The hash of every file of a run but of what states times; of rasters, which may lie in several files,
+    bounds and values."""
+    found: dict[str, object] = {}
+    for name in ("dtm", "dsm", "ndsm", "mask"):
+        path = out / f"{name}.vrt"
+        with rasterio.open(path if path.exists() else path.with_suffix(".tif")) as image:
+            found[name] = image.bounds, image.crs, image.read(1).tobytes()
+    for path in (one for one in out.rglob("*") if one.suffix in (".gpkg", ".jsonl", ".csv")):
+        data = path.read_bytes()
+        if path.suffix == ".gpkg":
+            with closing(sqlite3.connect(path)) as layers:
+                data = re.sub(TIME, "", "\n".join(layers.iterdump())).encode()
+        found[path.relative_to(out).as_posix()] = hashlib.sha256(data).hexdigest()
+    return found
 
 
 @pytest.fixture
-def small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
+def crossed(nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path) -> Path:
+    """The nine roofs in two files, moved so that a border of tiles runs through the fifth."""
+    las = laspy.read(nine_roofs_file)
+    las.x = np.asarray(las.x) - nine_roofs.buildings[4].footprint.centroid.x
+    east = np.asarray(las.x) >= PLACE[0]
+    (tmp_path / "in").mkdir()
+    for name, which in (("east", east), ("west", ~east)):
+        part = laspy.LasData(las.header)
+        part.points = las.points[which].copy()
+        part.write(tmp_path / "in" / f"{name}.laz")
+    return tmp_path / "in"
 
 
-def of_tiles(folder: Path) -> dict[str, object]:
-    return features(sorted((folder / "tiles").glob("*/buildings.city.jsonl")))
+def test_files_are_those_of_one_piece__a_house_lies_across_two_tiles(crossed: Path, tmp_path: Path) -> None:
+    assert build(crossed, tmp_path / "whole").found == 9
+    assert tiled(crossed, tmp_path / "tiled").found == 9
+    assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
+    assert check_folder(tmp_path / "tiled") == []
+    facts = [read_facts(tmp_path / name) for name in ("tiled", "whole")]
+    assert facts[0]["tiles"] > 1 and "tiles" not in facts[1]
+    for name in ("points", "points_used", "found", "by_lod", "trust", "failures", "fallbacks", "doubts"):
+        assert facts[0][name] == facts[1][name]
 
 
-@pytest.mark.usefixtures("small_tiles")
-def test_given_footprints_are_modelled_once_each__by_tiles_and_whole_on_the_border_of_two_files(
-    nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
+def test_given_footprints_are_modelled_once_each(
+    nine_roofs: ExactScene, nine_roofs_file: Path, crossed: Path, tmp_path: Path
 ) -> None:
     polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
     rows = [Row(polygon, {"name": f"house {k}"}) for k, polygon in enumerate(polygons)]
     write_geopackage(tmp_path / "given.gpkg", rows, (), CoordinateSystem())
-    las = laspy.read(nine_roofs_file)
-    east = las.x >= polygons[4].centroid.x
-    halves = [tmp_path / "east.laz", tmp_path / "west.laz"]
-    for path, which in zip(halves, (east, ~east), strict=True):
-        part = laspy.LasData(las.header)
-        part.points = las.points[which]
-        part.write(path)
     options = {"footprints": tmp_path / "given.gpkg", "id_field": "name"}
     assert build(nine_roofs_file, tmp_path / "whole", **options).found == 9
-    assert build(nine_roofs_file, tmp_path / "tiled", **options, per_tile=True).found == 9
-    build(halves, tmp_path / "cut", **options)
-    whole, cut = (features([tmp_path / name / "buildings.city.jsonl"]) for name in ("whole", "cut"))
-    assert whole == cut == of_tiles(tmp_path / "tiled")
+    assert tiled(nine_roofs_file, tmp_path / "tiled", **options).found == 9
+    assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
 
 
-@pytest.mark.usefixtures("small_tiles")
-def test_a_second_run_computes_only_the_tile_that_failed(
-    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real, calls = pipeline.write_outputs, []
-
-    def fails_once(*words: object, **named: object) -> object:
-        calls.append(1)
-        if len(calls) == 2:
-            raise RuntimeError("on purpose")
-        return real(*words, **named)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(pipeline, "write_outputs", fails_once)
-    options = dict(per_tile=True, resume=True, outputs=("models",))
-    first = build(nine_roofs_file, tmp_path, allow_failures=True, **options)
-    assert not first.complete
-    assert "on purpose" in first.failed[0]
-    made = len(calls)
-    second = build(nine_roofs_file, tmp_path, **options)
-    assert second.complete
-    assert len(calls) == made + 1
-    assert second.found == 9
+class StoppedError(Exception):
+    """The run ends here."""
 
 
-@pytest.mark.usefixtures("small_tiles")
-def test_the_mask_of_a_house_across_the_border_of_two_tiles_is_that_of_one_piece(
-    nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
-) -> None:
-    las = laspy.read(nine_roofs_file)
-    las.x = np.asarray(las.x) - nine_roofs.buildings[4].footprint.centroid.x  # the border runs through it
-    las.write(tmp_path / "moved.laz")
-    wanted = ("footprints", "models", "rasters", "mask")
-    build(tmp_path / "moved.laz", tmp_path / "whole", outputs=wanted)
-    build(tmp_path / "moved.laz", tmp_path / "tiled", outputs=wanted, per_tile=True)
-    with rasterio.open(tmp_path / "whole" / "mask.tif") as whole:
-        seen = np.zeros(whole.shape, np.uint8)
-        for path in (tmp_path / "tiled" / "tiles").glob("*/mask.tif"):
-            with rasterio.open(path) as tile:
-                window = from_bounds(*tile.bounds, transform=whole.transform).round_offsets()
-                rows, columns = window.toslices()
-                seen[rows, columns] |= tile.read(1)
-        assert np.array_equal(seen, whole.read(1))
-    assert seen.any()
+def stop_after(count: int) -> Callable[[str, int, int], None]:
+    """A `Progress` that ends a run after so many tiles."""
+
+    def stop(step: str, done: int, total: int) -> None:
+        if step == "tiles" and done == count:
+            raise StoppedError
+
+    return stop
+
+
+def test_a_run_that_was_broken_off_goes_on_with_the_tiles_left(crossed: Path, tmp_path: Path) -> None:
+    build(crossed, tmp_path / "whole")
+    with pytest.raises(StoppedError):
+        tiled(crossed, tmp_path / "tiled", progress=stop_after(2))
+    visited: list[int] = []
+    tiled(crossed, tmp_path / "tiled", resume=True, progress=lambda step, done, total: visited.append(done))
+    assert visited[0] == 3  # of the first two nothing is computed
+    assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
+
+
+def test_a_tile_whose_file_is_broken_is_tried_again__and_no_other(crossed: Path, tmp_path: Path) -> None:
+    build(crossed, tmp_path / "whole")
+    good = (crossed / "east.laz").read_bytes()
+    (crossed / "east.laz").write_bytes(good[: len(good) // 2])
+    with pytest.raises(IncompleteRunError, match=r"east\.laz"):
+        tiled(crossed, tmp_path / "tiled")
+    (crossed / "east.laz").write_bytes(good)
+    assert tiled(crossed, tmp_path / "tiled", resume=True).complete
+    assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
+
+
+def test_what_no_tile_can_reach_any_more_is_let_go(crossed: Path, tmp_path: Path) -> None:
+    """Four copies of the scene, far apart, take about the room of one."""
+    rooms: list[int] = []
+    sources, total = [], 0
+    for copy in range(4):
+        for path in crossed.glob("*.laz"):
+            las = laspy.read(path)
+            las.header.offsets[0] += 6000.0 * copy
+            las.points.offsets[0] += 6000.0 * copy
+            sources.append(tmp_path / f"{copy}-{path.name}")
+            total += 23 * len(las.points)
+            las.write(sources[-1])
+
+    def look(step: str, done: int, total: int) -> None:
+        if step == "tiles":
+            points = (tmp_path / "tiled" / ".eaves-work" / "points").glob("*/*.bin")
+            rooms.append(sum(path.stat().st_size for path in points))
+
+    assert tiled(sources, tmp_path / "tiled", progress=look).found == 36
+    assert rooms[-1] == 0
+    assert max(rooms) < 0.3 * total
+
+
+def test_edits_are_carried_out_as_in_one_piece(crossed: Path, tmp_path: Path) -> None:
+    def edited(region: Region, owners: list[Block]) -> list[Block]:
+        outlines = list(outlines_in(Kept(region.store), SIDE).items())
+        verdicts = zip(outlines, (FLAT_ROOF, NO_BUILDING, FLAT_ROOF), strict=False)
+        found = correct(region, [Edit(verdict, outline, name) for (name, outline), verdict in verdicts])
+        assert (len(found.modelled), len(found.removed)) == (2, 1)
+        return Kept(region.store).owners(SIDE)
+
+    assert build(crossed, tmp_path / "whole", correction=edited).found == 8
+    assert tiled(crossed, tmp_path / "tiled", correction=edited).found == 8
+    assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
+
+
+def test_a_run_by_tiles_is_opened_again_for_edits(crossed: Path, tmp_path: Path) -> None:
+    pipeline.build(crossed, tmp_path, per_tile=True, outputs=("footprints", "models"))
+    name = json.loads((tmp_path / "buildings.city.jsonl").read_text("utf-8").splitlines()[1])["id"]
+    (tmp_path / "edits.csv").write_text(f"id,verdict\n{name},no building\n", encoding="utf-8")
+    done = update(tmp_path, edits=tmp_path / "edits.csv")
+    assert (done.summary.found, done.removed) == (8, (name,))
+    assert read_facts(tmp_path)["request"]["options"]["per_tile"]

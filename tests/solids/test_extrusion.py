@@ -7,8 +7,7 @@ import pytest
 import shapely
 
 from eaves.figures.attributes import measure_volume
-from eaves.model import Face, Solid
-from eaves.model.building import ROOF_SURFACE
+from eaves.geometry.face_table import FaceTable
 from eaves.solids.coverage import Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import extrude, split_crossings
@@ -118,8 +117,8 @@ def test_a_fold_is_seen_on_the_plane_of_its_face() -> None:
         (146.227, 164.027, 12.366),
     ]
     for ring, defect in ((range(10), "a roof face with a fold"), ((0, 1, 2, 3, 4, 6, 7, 8, 9), "")):
-        solid = Solid(np.array(corners), (Face((tuple(ring),), ROOF_SURFACE, 0),))
-        assert fold_defect(solid, {0: on_own_plane(solid, solid.faces[0].rings)}) == defect
+        rings = [np.array(corners)[list(ring)]]
+        assert fold_defect(FaceTable.of([rings]), {0: on_own_plane(rings)}) == defect
 
 
 def test_courtyard_is_a_hole_of_ground_and_roof() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import PLANARITY
-from eaves.model import Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
 from eaves.solids.cutting import arrange
 from eaves.solids.soundness import (
@@ -17,8 +17,10 @@ from eaves.solids.soundness import (
 )
 from tests.solids.test_extrusion import CROSS, SQUARE
 
+SURFACES = np.array([GROUND_SURFACE, ROOF_SURFACE])
 
-def tent(rng: np.random.Generator) -> Solid:
+
+def tent(rng: np.random.Generator) -> FaceTable:
     """A ground face and a roof face over it: rings of up to nine corners, some crossing, some folded, some
     with corners that are near to others."""
     count = int(rng.integers(3, 10))
@@ -30,35 +32,33 @@ def tent(rng: np.random.Generator) -> Solid:
     a, b = rng.normal(0.0, 0.8, 2)
     z = 5.0 + a * xy[:, 0] + b * xy[:, 1] + rng.choice([0.0, 0.002, 0.02]) * rng.normal(size=count)
     top = np.round(np.column_stack([xy, z]), 3)
-    vertices = np.concatenate([top, top * [1.0, 1.0, 0.0]])
-    below = tuple(range(2 * count - 1, count - 1, -1))
-    return Solid(vertices, (Face((below,), GROUND_SURFACE), Face((tuple(range(count)),), ROOF_SURFACE, 0)))
+    return FaceTable.of([[(top * [1.0, 1.0, 0.0])[::-1]], [top]])
 
 
 def test_faces_proved_sound_have_no_defect() -> None:
     rng = np.random.default_rng(8)
     clear, steady, sloped = 0, 0, 0
     for _ in range(1500):
-        solid = tent(rng)
-        is_clear, unsure = surely_sound(solid)
+        faces = tent(rng)
+        is_clear, unsure = surely_sound(faces, SURFACES)
         assert 0 not in unsure
         clear += is_clear
-        sloped += len(solid.faces[1].rings[0]) > 3
+        sloped += faces.ring_sizes[1] > 3
         if is_clear:
-            assert plan_defect(solid) == ""
-        if not unsure and plan_defect(solid) == "" and len(solid.faces[1].rings[0]) > 3:
+            assert plan_defect(faces) == ""
+        if not unsure and plan_defect(faces) == "" and faces.ring_sizes[1] > 3:
             steady += 1
-            flat = {1: on_own_plane(solid, solid.faces[1].rings)}
+            flat = {1: on_own_plane(faces.rings_of(1))}
             assert np.abs(flat[1][:, 2]).max() <= FLATTEST_SHARE * PLANARITY
-            assert not fold_defect(solid, flat)
+            assert not fold_defect(faces, flat)
     assert clear > 500 and steady > 0.2 * sloped
 
 
 def test_plain_plans_are_all_proved_clear() -> None:
     rng = np.random.default_rng(9)
     found = [tent(rng) for _ in range(400)]
-    sound = [solid for solid in found if plan_defect(solid) == ""]
-    assert np.mean([surely_sound(solid)[0] for solid in sound]) > 0.95
+    sound = [faces for faces in found if plan_defect(faces) == ""]
+    assert np.mean([surely_sound(faces, SURFACES)[0] for faces in sound]) > 0.95
 
 
 def test_points_stay_in_cells_that_become_one() -> None:

@@ -22,7 +22,7 @@ FACES = (
     Face(((2, 3, 7, 6),), "WallSurface"),
     Face(((3, 0, 4, 7),), "WallSurface"),
 )
-SHED = BuildingModel(Footprint(shapely.box(0, 0, 4, 8), id="shed"), {"2.2": (Solid(CORNERS, FACES),)})
+SHED = BuildingModel(Footprint(shapely.box(0, 0, 4, 8), id="shed"), {"2.2": (Solid.of(CORNERS, FACES),)})
 
 
 def roof_points(lift: float = 0.0) -> np.ndarray:

@@ -20,7 +20,7 @@ def solid_of(shell: Shell, origin: tuple[float, float, float] = (0.0, 0.0, 0.0))
         )
         for face in shell
     )
-    return Solid(np.array(list(numbers), float) / 1000 + origin, faces)
+    return Solid.of(np.array(list(numbers), float) / 1000 + origin, faces)
 
 
 def model_of(**solids: tuple[Solid, ...]) -> BuildingModel:
@@ -59,7 +59,7 @@ def test_rounding_to_the_grid_can_make_a_model_invalid() -> None:
     assert validate_model(model_of(l2_2=(pit,))) == []
     lower = pit.vertices.copy()
     lower[np.isclose(lower[:, 2], 0.001), 2] = 0.0004
-    assert [f.code for f in validate_model(model_of(l2_2=(Solid(lower, pit.faces),)))] == [306] * 4
+    assert [f.code for f in validate_model(model_of(l2_2=(Solid.of(lower, pit.faces),)))] == [306] * 4
 
 
 def test_corners_on_one_oblique_line_make_no_self_intersection() -> None:
@@ -82,7 +82,7 @@ def test_a_vertex_that_is_not_finite_is_refused() -> None:
     vertices = bad.vertices.copy()
     vertices[0, 2] = np.nan
     with pytest.raises(ValueError, match="house"):
-        validate_model(model_of(l2_2=(Solid(vertices, bad.faces),)))
+        validate_model(model_of(l2_2=(Solid.of(vertices, bad.faces),)))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -92,7 +92,7 @@ def test_a_turned_box_is_valid_wherever_it_stands(seed: int) -> None:
     angle = rng.uniform(0, 2 * np.pi)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     moved = box_.vertices * [9.7, 5.3, 4.1] @ turn.T + rng.uniform(-5e5, 5e5, 3)
-    assert validate_model(model_of(l2_2=(Solid(moved, box_.faces),))) == []
+    assert validate_model(model_of(l2_2=(Solid.of(moved, box_.faces),))) == []
 
 
 def test_a_face_that_crosses_itself_on_its_plane_alone_is_found() -> None:

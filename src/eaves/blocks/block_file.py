@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, reduce
 from pathlib import Path
@@ -18,6 +18,7 @@ from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
 from eaves.run.part_file import open_part
+from eaves.run.store import SECONDS
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -149,6 +150,24 @@ def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
         sides[touched] |= bit
     sides[0] = 0
     return sides
+
+
+def see_shown(
+    block: Block,
+    regions: Mapping[Block, BlockFile],
+    ground: Mapping[Block, Mapping[str, NDArray[Any]]],
+    parameters: Any,
+) -> dict[str, NDArray[Any]]:
+    """What a run's files show of a block, as arrays; its seconds with those of its ground."""
+    with regions[block] as file:
+        arrays = {name: file[name] for name in ("about", "dtm", "dsm")}
+        seconds = file.metadata().seconds
+    return arrays | {SECONDS: block_json({**seconds, "ground": float(ground[block][SECONDS])})}
+
+
+def show_block(seen: dict[str, NDArray[Any]], parameters: Any) -> dict[str, NDArray[Any]]:
+    """The arrays, as they are seen."""
+    return seen
 
 
 class BlockFile:

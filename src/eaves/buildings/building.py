@@ -301,7 +301,9 @@ def different_levels(model: BuildingModel) -> BuildingModel:
     """The model with one level of those that are the same solids."""
     different = {
         tuple(
-            [(solid.vertices.tobytes(), tuple([face.rings for face in solid.faces])) for solid in solids]
+            part.tobytes()
+            for solid in solids
+            for part in (solid.vertices, solid.corners, solid.ring_sizes, solid.ring_counts)
         ): lod
         for lod, solids in model.solids.items()
     }

@@ -15,6 +15,7 @@ from shapely import Polygon
 from eaves.blocks.block_file import BlockFile, Candidates
 from eaves.buildings.join import BuildingPlan, OwnedBuildings
 from eaves.footprints.snap import snap_footprints
+from eaves.geometry.neighbours import thin
 from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
 from eaves.model.cloud import GRID_STEP, snap
 from eaves.model.results import BuildingPoints
@@ -23,6 +24,11 @@ from eaves.raster.surfaces import CELL
 from eaves.run.world_squares import squares_touching
 
 T = TypeVar("T")
+
+ENOUGH_PER_M2 = 40.0
+"""Points per m² of a surface that decide a building: of a denser scan (overlapping strips, drones, images)
+one stands for its neighbours. Twice the density of national surveys, which the methods' numbers are for; from
+there on the cost of a building no longer grows."""
 
 MARGIN = 2.0
 """Terrain is known this far (m) around a building's points, and all else where its walls are looked for."""
@@ -67,7 +73,7 @@ class Gatherer:
         if plan.given is not None:
             beside = is_seen_beside(plan.given.polygon, seen)
             heights = None if beside else self.nearest_ground(owner, plan)
-        return BuildingPoints(
+        building = BuildingPoints(
             owner_block=owner,
             **found,
             terrain=self.terrain(owner, margin),
@@ -78,6 +84,7 @@ class Gatherer:
             others=others,
             around=around,
         )
+        return thinned(building) if building.spacing**2 * ENOUGH_PER_M2 < 1.0 else building
 
     def points_of(self, owner: Block, plan: BuildingPlan) -> dict[str, Any] | None:
         """The building's points about the corner of its owner block, with their spacing and the score, as
@@ -168,6 +175,17 @@ class Gatherer:
             if r0 < r1 and c0 < c1:
                 values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - left : c1 - left]
         return Raster(values, float(west), float(north), CELL)
+
+
+def thinned(building: BuildingPoints) -> BuildingPoints:
+    """The building with points that stand for all of its dense scan's."""
+    side = ENOUGH_PER_M2**-0.5
+    chosen, others, counts = thin(building.xyz, side)
+    inside = np.zeros(len(building.xyz), bool)
+    inside[chosen] = True
+    high = building.others if building.others is None else building.others[thin(building.others, side)[0]]
+    few = building.take(inside, others=high, spacing=building.spacing * (len(inside) / len(chosen)) ** 0.5)
+    return replace(few, left_out=building.point_id[others], counts=counts)
 
 
 def read_result(regions: Mapping[Block, BlockFile], block: Block, take: Callable[[BlockFile], T]) -> T | None:

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
-from eaves.blocks.block_file import BORDER, BlockFile
+from eaves.blocks.block_file import BlockFile
 from eaves.footprints.read import as_box
 from eaves.geometry.rings import as_polygon
 from eaves.model import Block, Bounds, Failure, Footprint
@@ -124,16 +124,6 @@ def blocks_beyond(seams: Sequence[Seam], core: Callable[[Block], bool]) -> set[B
     return beyond - known
 
 
-def blocks_under(footprints: Sequence[Footprint], side: float, core: Callable[[Block], bool]) -> set[Block]:
-    """The blocks under and around the given footprints (world metres) that are owned by the core."""
-    under = set()
-    for footprint in footprints:
-        point = footprint.polygon.representative_point()
-        if core(Block.at(point.x, point.y, side)):
-            under |= set(squares_touching(Bounds(*footprint.polygon.buffer(BORDER).bounds), side))
-    return under
-
-
 def join_regions(seams: Sequence[Seam]) -> list[OwnedBuildings]:
     """Buildings from regions: two regions are one building when both blocks saw the same point in them.
 
@@ -152,20 +142,20 @@ def join_regions(seams: Sequence[Seam]) -> list[OwnedBuildings]:
 
 
 def assign_footprints(
-    footprints: Sequence[Footprint], blocks: Sequence[Block], side: float, lost: Sequence[Failure] = ()
+    footprints: Sequence[Footprint], blocks: Sequence[Block], first: Block, lost: Sequence[Failure] = ()
 ) -> list[OwnedBuildings]:
     """Buildings from given footprints (polygons, world metres), owned by the block of their representative
-    point; a footprint without a place belongs to the first block.
+    point; a footprint without a place belongs to the `first` block.
 
     Those that meet no block with points, and the `lost` ones, follow as failures: each footprint has a row.
     """
-    known = set(blocks)
+    known, side = set(blocks), first.side
     plans: dict[Block, list[BuildingPlan]] = {}
     failures = list(lost)
     for footprint in footprints:
         touched = squares_touching(Bounds(*footprint.polygon.bounds), side)
         under = tuple((block, 0) for block in touched if block in known)
-        owner = block_of(footprint, side)
+        owner = block_of(footprint, first)
         moved = about(footprint, owner.origin)
         if under and moved is not None:
             plans.setdefault(owner, []).append(BuildingPlan(under, moved))
@@ -174,7 +164,7 @@ def assign_footprints(
         reason = f"given footprint '{footprint.id}' {what}"
         failures.append(Failure(code, reason, "outline", footprint))
     for failure in failures:
-        owner = block_of(failure.footprint, side, min(blocks, default=Block(0, 0, side)))
+        owner = block_of(failure.footprint, first)
         own = plans.setdefault(owner, [])
         place = failure.footprint or Footprint(Polygon())
         local = shapely.transform(place.polygon, lambda xy, origin=owner.origin: xy - np.array(origin))
@@ -183,12 +173,12 @@ def assign_footprints(
     return [OwnedBuildings(owner, tuple(plans[owner])) for owner in sorted(plans)]
 
 
-def block_of(footprint: Footprint | None, side: float, otherwise: Block | None = None) -> Block:
-    """The block of a footprint's representative point (world metres), `otherwise` for one without area."""
+def block_of(footprint: Footprint | None, first: Block) -> Block:
+    """The block of a footprint's representative point (world metres), the `first` for one without area."""
     if footprint is None or footprint.polygon.is_empty:
-        return otherwise or Block(0, 0, side)
+        return first
     point = footprint.polygon.representative_point()
-    return Block.at(point.x, point.y, side)
+    return Block.at(point.x, point.y, first.side)
 
 
 def with_addresses(plans: Sequence[OwnedBuildings], addresses: Sequence[Footprint]) -> list[OwnedBuildings]:

@@ -187,8 +187,8 @@ def run_points(folder: Path) -> list[Path]:
         raise InputError.about(folder, "holds a run that did not end", "run it again with --resume")
     names = sorted(name for name in words["written"] if is_classified(name))
     if not names or "footprints.gpkg" not in words["written"]:
-        tiles = any(name.startswith("tiles/") for name in words["written"])
-        remedy = "build parts of it with --bounds and compare these" if tiles else "build it again with both"
+        parts = "build parts of it with --bounds and compare these"
+        remedy = parts if "tiles" in words else "build it again with both"
         raise InputError.about(folder, "lacks footprints.gpkg or classified points", remedy)
     missing = [name for name in (*names, "footprints.gpkg") if not (folder / name).exists()]
     if missing:

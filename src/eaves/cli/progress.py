@@ -10,14 +10,14 @@ from contextlib import contextmanager
 Show = Callable[[str, int, int], None]
 SECONDS_BETWEEN_LINES = 10.0
 SHARES = {"read": 0.08, "blocks": 0.45, "buildings": 0.4, "write": 0.07}
-"""Usual share of each stage in the time of a run; a run by tiles has one stage that is nearly all of it."""
+"""Usual share of each stage in the time of a run; of a run by tiles `TILE_SHARES`."""
 LEAST_SHARE_COMPILING = 0.9
 """A first run compiles in its early steps, so only its end can be foreseen."""
 UNITS = {"compiling": " loops", "read": " points", "buildings": " blocks", "write": " kinds of file"}
 LEAST_SHARE, LEAST_S = 0.1, 3.0
 """Before so much of a run, or so many seconds, the time that is left is guesswork: loading and reading, which
 cost the same whatever comes, have been most of it."""
-TILE_SHARES = {"tiles": 0.97, "merge": 0.03}
+TILE_SHARES = {"tiles": 0.93, "write": 0.07}
 
 
 class Remaining:
@@ -30,7 +30,7 @@ class Remaining:
 
     def after(self, stage: str, done: int, total: int) -> float | None:
         """Seconds left when so much of a stage is done; None while that is guesswork."""
-        shares = TILE_SHARES if stage in TILE_SHARES else SHARES
+        shares = TILE_SHARES if "tiles" in (stage, *self._done) else SHARES
         for earlier in list(shares)[: list(shares).index(stage)] if stage in shares else ():
             self._done[earlier] = 1.0
         self._done[stage] = done / total if total else 1.0

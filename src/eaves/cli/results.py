@@ -12,7 +12,7 @@ from eaves.cli.options import Basemap, Quiet, Verbose
 from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
 
 MODELS = "buildings.city.jsonl"
-"""Of a run, or of each of its tiles."""
+"""Of a run."""
 
 
 def validate(

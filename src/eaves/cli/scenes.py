@@ -17,7 +17,7 @@ def simulate(
     buildings: Annotated[
         int | None, typer.Option(help="Number of buildings; default: as many as the area holds.")
     ] = None,
-    density: Annotated[float, typer.Option(help="Points per square metre.", min=0.1, max=100)] = 10.0,
+    density: Annotated[float, typer.Option(help="Points per square metre.", min=0.1, max=500)] = 10.0,
     noise: Annotated[float, typer.Option(help="Standard deviation of the ranges (m).", min=0)] = 0.02,
     pattern: Annotated[
         str, typer.Option(help="Scan pattern: lines, zigzag, ellipse or random (no scan angle).")
@@ -44,7 +44,7 @@ def simulate(
     ] = 0.25,
     new_density: Annotated[
         float | None,
-        typer.Option(help="With --epochs: points per square metre of the second.", min=0.1, max=100),
+        typer.Option(help="With --epochs: points per square metre of the second.", min=0.1, max=500),
     ] = None,
     crs: Crs = None,
     quiet: Quiet = False,

@@ -132,7 +132,7 @@ def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
     """Attributes from the solids of a model's finest level alone, with a record for each roof face."""
     solids = model.solids[model.lod]
     faces = FaceTable.of_solids(solids)
-    surface = np.array([face.surface for solid in solids for face in solid.faces])
+    surface = np.concatenate([solid.surfaces for solid in solids])
     roofs = faces.take(surface == ROOF_SURFACE)
     roof_faces = describe_faces(roofs)
     return {

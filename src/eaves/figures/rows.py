@@ -93,11 +93,11 @@ def roof_rows(result: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
     records = result.attributes.get("roof_faces", ())
     solids = result.solids[result.lod]
     table = FaceTable.of_solids(solids, ROOF_SURFACE)
-    faces = [face for solid in solids for face in solid.faces if face.surface == ROOF_SURFACE]
+    planes = np.concatenate([solid.planes[solid.surfaces == ROOF_SURFACE] for solid in solids]).tolist()
     sizes = zip(table.moved(origin).polygons(3), face_figures(table), strict=True)
-    for number, (face, (polygon, figures)) in enumerate(zip(faces, sizes, strict=True)):
-        if result.lod == OVERHANGS and face.plane is not None and face.plane < len(records):
-            number = face.plane  # a slab for each level: the faces come in another order
+    for number, (plane, (polygon, figures)) in enumerate(zip(planes, sizes, strict=True)):
+        if result.lod == OVERHANGS and 0 <= plane < len(records):
+            number = plane  # a slab for each level: the faces come in another order
         record: dict[str, Any] = records[number] if number < len(records) else {}
         share = record.get("share_no_data")
         yield (
@@ -106,7 +106,7 @@ def roof_rows(result: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
                 "building_id": result.footprint.id,
                 "lod": result.lod,
                 **figures,
-                "rmse_m": rmse_of(result, face.plane),
+                "rmse_m": rmse_of(result, plane),
                 "points": record.get("points"),
                 "share_no_data": None if share is None else round(share, 3),
                 "no_data": record.get("no_data"),
@@ -124,10 +124,9 @@ def rounded(value: float | None) -> float | None:
     return None if value is None else round(float(value), 3)
 
 
-def rmse_of(model: BuildingModel, plane: int | None) -> float | None:
+def rmse_of(model: BuildingModel, plane: int) -> float | None:
     """The RMSE of the points of one of the model's planes, None where a face lies on none of them."""
-    has_plane = plane is not None and 0 <= plane < len(model.planes)
-    return round(model.planes[plane].rmse, 4) if has_plane and plane is not None else None
+    return round(model.planes[plane].rmse, 4) if 0 <= plane < len(model.planes) else None
 
 
 def face_figures(faces: FaceTable) -> Iterator[dict[str, float | None]]:

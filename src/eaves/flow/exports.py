@@ -76,6 +76,8 @@ OUTPUT_FILES = {
     "steps": ("steps",),
 }
 """Files, and folders of files, of each output; those of classified points follow from the inputs."""
+TILES = "tiles"
+"""Folder of the files of rasters too large for one, tile by tile."""
 COPC = "copc"
 """A file beside each of the classified points."""
 

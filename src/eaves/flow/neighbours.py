@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import shapely
+from shapely import Polygon
 
 from eaves.buildings.building_file import ANSWERS, Kept
 from eaves.figures.party_walls import PARTY_GAP, Walls, wall_figures
@@ -26,19 +27,42 @@ def party_walls(kept: Kept, owners: Sequence[Block]) -> list[dict[str, float] | 
         answers = kept.section(owners[owner], ANSWERS)
         return lru_cache(maxsize=None)(lambda number: walls_of(answers[number]))
 
+    boxes = np.array([extent_of(kept, owner) for owner in owners], object)
+    one, other = shapely.STRtree(boxes).query(boxes, predicate="dwithin", distance=PARTY_GAP)
+    near = {number: {number} for number in range(len(owners))}
+    for owner, neighbour in zip(one.tolist(), other.tolist(), strict=True):
+        near[owner].add(neighbour)
+    walls: list[dict[str, float] | None] = []
+    for owner in near:
+        walls += walls_in(kept, owners, owner, sorted(near[owner]), load)
+    return walls
+
+
+def extent_of(kept: Kept, owner: Block) -> Polygon:
+    """The rectangle (world metres) around the buildings that a block owns."""
+    outlines = [row.polygon for row in kept.rows([owner])]
+    return shapely.envelope(shapely.geometrycollections(outlines))
+
+
+def walls_in(
+    kept: Kept,
+    owners: Sequence[Block],
+    owner: int,
+    near: Sequence[int],
+    load: Callable[[int], Callable[[int], Walls | None]],
+) -> list[dict[str, float] | None]:
+    """The walls of the buildings of one owner block, beside those of the owner blocks near it, by number."""
     places = [
-        (owner, number, row.polygon)
-        for owner in range(len(owners))
-        for number, row in enumerate(kept.rows([owners[owner]]))
+        (number, place, row.polygon)
+        for number in near
+        for place, row in enumerate(kept.rows([owners[number]]))
     ]
+    subjects = [k for k, (number, *_) in enumerate(places) if number == owner]
     shapes = np.array([polygon for *_, polygon in places], object)
-    one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=PARTY_GAP)
-    order = np.lexsort((other, one))
-    one, other = one[order], other[order]
-    first = np.searchsorted(one, np.arange(len(places) + 1))
+    one, other = shapely.STRtree(shapes).query(shapes[subjects], predicate="dwithin", distance=PARTY_GAP)
     return [
-        shared_by(place, [places[k][:2] for k in other[first[number] : first[number + 1]]], load)
-        for number, (*place, _) in enumerate(places)
+        shared_by(places[k][:2], [places[n][:2] for n in np.sort(other[one == subject]).tolist()], load)
+        for subject, k in enumerate(subjects)
     ]
 
 
@@ -48,13 +72,13 @@ def walls_of(answer: BuildingModel | Failure) -> Walls | None:
 
 
 def shared_by(
-    place: Sequence[int],
-    near: Sequence[Sequence[int]],
+    place: tuple[int, int],
+    near: Sequence[tuple[int, int]],
     load: Callable[[int], Callable[[int], Walls | None]],
 ) -> dict[str, float] | None:
     """The walls (m², `wall_figures`) of the building at `place`, an owner and a number in it."""
     own = load(place[0])(place[1])
     if own is None:
         return None
-    others = [load(owner)(number) for owner, number in near if [owner, number] != [*place]]
+    others = [load(owner)(number) for owner, number in near if (owner, number) != place]
     return wall_figures(own, [walls for walls in others if walls is not None])

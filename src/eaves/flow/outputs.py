@@ -15,15 +15,22 @@ from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import Kept
 from eaves.figures.party_walls import envelope_figures
 from eaves.figures.trust import judge
-from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.flow.exports import export_footprints, export_models, export_points
 from eaves.flow.neighbours import party_walls
 from eaves.flow.numbers import read_numbers
 from eaves.flow.region import Region
-from eaves.flow.review import REVIEW, review_rows, write_review
+from eaves.flow.review import (
+    LAYER,
+    REVIEW,
+    describe_doubts,
+    doubt_rows,
+    face_doubts,
+    review_rows,
+    write_review,
+)
 from eaves.flow.run import Run, stated_request
 from eaves.flow.step import Step, Work, results_of
-from eaves.flow.steps import GROUND, REGIONS
+from eaves.flow.steps import GROUND, REGIONS, SHOWN
 from eaves.formats import write_cityjson_seq
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
@@ -147,14 +154,11 @@ def write_output(
         from eaves.flow.rasters import write_run_mask
 
         polygons = [row.polygon for row in kept.rows(owners)]
-        path = folder / "mask.tif"
-        asked = run.options["source"] is not None  # the Vaihingen entry delivers one
-        extent = results.extent
-        return write_run_mask(system, list(results.regions), polygons, extent, path, made_from, asked), None
+        return write_run_mask(run, list(results.regions), polygons, results.extent), None
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
 
-        return write_surfaces(results.regions, system, results.extent, folder, made_from), None
+        return write_surfaces(run, results.regions, results.extent), None
     if step == "steps":
         from eaves.flow.intermediates import write_steps
 
@@ -173,7 +177,7 @@ def write_outputs(
 ) -> Summary:
     """Write what is wanted of a region, each file whole or not at all; what came out.
 
-    Shown are the blocks of the core but for those that failed, and the buildings of its `owners`. Of `copies`
+    Shown are the blocks but for those that failed, and the buildings of its `owners`. Of `copies`
     (key → file) are the classified points that an earlier run wrote just so.
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
@@ -189,7 +193,7 @@ def write_outputs(
     results = RunResults(
         run,
         kept,
-        results_of(REGIONS, store, used),
+        results_of(step_shown(region), store, used),
         owners,
         block_extent(metadata),
         shared,
@@ -281,17 +285,23 @@ def write_run(summary: Summary) -> None:
 
 
 def points_used(region: Region) -> int:
-    """Number of points in the blocks of the region's core."""
-    return sum(map(region.store.count_points, region.own_blocks))
+    """Number of points in the blocks that the files show."""
+    return sum(visit.points for visit in region.visits.values())
+
+
+def step_shown(region: Region) -> Step:
+    """The step whose results the files show of each block."""
+    return SHOWN if region.run.by_tiles else REGIONS
 
 
 def read_metadata(region: Region) -> list[BlockMetadata]:
-    """The metadata of all blocks of the core that were computed."""
+    """The metadata of all blocks that were computed."""
     metadata = []
-    for block, result in results_of(REGIONS, region.store, region.own_blocks).items():
+    for block, result in results_of(step_shown(region), region.store, region.shown).items():
         with result as file:
             metadata.append(file.metadata())
-        metadata[-1].seconds["ground"] = float(region.store.array(GROUND.name, block, SECONDS))
+        if not region.run.by_tiles:
+            metadata[-1].seconds["ground"] = float(region.store.array(GROUND.name, block, SECONDS))
     return metadata
 
 
@@ -312,34 +322,22 @@ def summarise(
             counts["fallbacks" if row.modelled else "failures"][row.code] += 1
     for one in metadata:
         seconds.update(one.seconds)
-    return summary_of(
-        region.run,
-        {**counts, "seconds": region.budget.with_stages(seconds)},
+    run = region.run
+    tiles = {"tiles": len(region.visits)} if run.by_tiles else {}
+    peak = round(max(region.peak, peak_memory_mb()))
+    facts = {**stated_request(run), "crs": run.index.system.code, "peak_memory_mb": peak, **tiles}
+    remote = {"remote": run.remote} if run.remote else {}
+    return Summary(
+        folder=run.folder,
         points=region.points,
+        modelled=sum(counts["by_lod"].values()),
+        **{name: dict(sorted(counts[name].items(), reverse=name == "by_lod")) for name in COUNTED},
+        seconds=region.budget.with_stages(seconds),
+        elapsed=time.time() - run.started,
+        run={**run.plan, **remote, **facts},
         points_used=points_used(region),
         found=found,
         wall=region.budget.wall,
         files=tuple(files),
-        failed=tuple(region.failed),
-        words={"peak_memory_mb": round(max(region.peak, peak_memory_mb()))},
-    )
-
-
-def summary_of(
-    run: Run, counts: Mapping[str, Mapping[str, Any]], words: Mapping[str, Any], **facts: Any
-) -> Summary:
-    """The summary of a run with the counts named in `COUNTED` and the `seconds` by stage; `words` stand in
-    its run.json beside the plan, and other `facts` are fields of it."""
-    remote = {"remote": run.remote} if run.remote else {}
-    return Summary(
-        **{
-            "folder": run.folder,
-            "points": run.index.points,
-            "modelled": sum(counts["by_lod"].values()),
-            **{name: dict(sorted(counts[name].items(), reverse=name == "by_lod")) for name in COUNTED},
-            "seconds": dict(counts["seconds"]),
-            "elapsed": time.time() - run.started,
-            "run": {**run.plan, **remote, **stated_request(run), "crs": run.index.system.code, **words},
-            **facts,
-        }
+        failed=tuple(dict.fromkeys(region.failed)),
     )

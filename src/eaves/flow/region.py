@@ -5,37 +5,47 @@ from __future__ import annotations
 import json
 import logging
 import shutil
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, NoReturn
 
 import numpy as np
 
+from eaves.buildings.edited import OwnedOrders
 from eaves.buildings.join import (
     OwnedBuildings,
     Seam,
     assign_footprints,
     blocks_beyond,
-    blocks_under,
     join_regions,
     with_addresses,
 )
 from eaves.flow.numbers import NUMBERS
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, no_progress, request_of
-from eaves.flow.step import Step, bring, compute, results_of
+from eaves.flow.step import Step, bring, bring_inputs, compute, results_of, squares_read
 from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED
+from eaves.flow.tiles import (
+    Area,
+    ByTile,
+    Visit,
+    bounds_by_tile,
+    by_tile,
+    inputs_meeting,
+    let_go,
+    squares_of_area,
+)
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError, atomic
-from eaves.model import Block, Bounds
-from eaves.raster.surfaces import CELL
+from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Budget
-from eaves.run.index import Index
 from eaves.run.keys import NAMED, key_of
 from eaves.run.partition import (
     FileSlice,
+    PartMark,
+    Window,
     file_slices,
     find_isolated_blocks,
     key_of_part,
@@ -49,68 +59,71 @@ from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
 
-LARGEST_RASTER = 10_000_000_000
-"""Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
-
-
 REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for; run.json lacks it while files are written."""
 EARLIER = "earlier"
 """Folder, beside the results of a run that is updated in its place, of those that it shows until then."""
 
 
-class TooNarrowError(Exception):
-    """A building of the core goes on beyond the blocks that were loaded."""
-
-
-@dataclass(frozen=True)
-class Core:
-    """The blocks whose buildings and rasters are wanted, and where blocks can be computed."""
-
-    holds: Callable[[Block], bool] = lambda block: True
-    loaded: Bounds | None = None
-
-    def reaches(self, block: Block) -> bool:
-        """True if all points the block is computed from were loaded."""
-        return self.loaded is None or self.loaded.union(block.bounds) == self.loaded
-
-
 @dataclass(eq=False)
 class Region:
-    """A run's points, or a tile's, and what is noted as they go through the steps."""
+    """A run's points, and what is noted as they go through the steps."""
 
     run: Run
     store: Store
     workers: Workers = field(default_factory=Workers)
     progress: Progress = no_progress
-    core: Core = field(default_factory=Core)
     failed: list[str] = field(default_factory=list)
     peak: float = field(default_factory=peak_memory_mb)
     budget: Budget = field(default_factory=Budget)
     wrong_boxes: dict[int, Bounds] = field(default_factory=dict)
     points: int = 0
     """Of the inputs, without those that could not be read."""
-    blocks: Sequence[Block] = ()
+    unread: dict[int, str] = field(default_factory=dict)
+    """Inputs that could not be read to their end, by number, with the reason."""
+    parts: dict[str, PartMark] = field(default_factory=dict)
+    """The parts of inputs that were read, by name."""
+    within: set[Block] | None = None
+    """The blocks whose points were asked for; None for all."""
+    with_points: frozenset[Block] = frozenset()
+    """Of these, those that have points, also those that hold nothing but isolated."""
+    used: frozenset[Block] = frozenset()
     """Those that have points, without those that hold nothing but isolated."""
+    isolated: dict[Block, int] = field(default_factory=dict)
+    """Blocks left out, with the number of their points."""
     points_keys: Mapping[str, str] = field(default_factory=dict)
     """Block, by its name → the key of its points."""
     brought: dict[str, set[Block]] = field(default_factory=dict)
     """Step, by its name → the squares whose results are there."""
+    visits: dict[Block | None, Visit] = field(default_factory=dict)
+    """Tile → what was found of it; None → of a run in one piece."""
+    unfinished: frozenset[Block] = frozenset()
+    """The tiles that come later."""
 
     @property
-    def own_blocks(self) -> list[Block]:
-        """The blocks of the core."""
-        return [block for block in self.blocks if self.core.holds(block)]
+    def blocks(self) -> list[Block]:
+        """The blocks that are used, in order."""
+        return sorted(self.used)
+
+    @property
+    def shown(self) -> list[Block]:
+        """The blocks that the files show, in order."""
+        return sorted(block for visit in self.visits.values() for block in visit.blocks)
+
+    @property
+    def owners(self) -> list[Block]:
+        """The blocks that own buildings, in order."""
+        return sorted(owner for visit in self.visits.values() for owner in visit.owners)
 
     @cached_property
-    def used(self) -> frozenset[Block]:
-        """The blocks that are used."""
-        return frozenset(self.blocks)
+    def given(self) -> ByTile[Footprint]:
+        """The given footprints."""
+        return ByTile(self.run.given or (), self.run)
 
     @cached_property
-    def with_points(self) -> frozenset[Block]:
-        """The blocks that have points, also those that hold nothing but isolated."""
-        return frozenset(self.store.blocks(self.run.side))
+    def lost(self) -> ByTile[Failure]:
+        """The given footprints that cannot be modelled."""
+        return ByTile(self.run.lost, self.run)
 
     def computes(self, step: Step, square: Block) -> bool:
         """True if a square is a unit of a step; a block is one if it has points."""
@@ -122,6 +135,10 @@ class Region:
         others = "".join(f" {name}" for name in self.store.fields)
         fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{others}")
         return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
+
+    def correct_boxes(self) -> None:
+        """Widen the boxes of inputs to where their points were found."""
+        self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
 
     def refuse(self, reason: str) -> NoReturn:
         """End the run for its inputs' sake; nothing of it stays."""
@@ -144,18 +161,25 @@ class Region:
             log.error("%s", self.failed[-1])
 
 
-def open_region(run: Run, workers: Workers, progress: Progress, core: Core | None = None) -> Region:
-    """The region of a run, or of a tile with its core, with the results that an earlier run left where they
-    are to be kept."""
-    store = store_of(run)
+def open_region(run: Run, workers: Workers, progress: Progress) -> Region:
+    """The region of a run, with the results that an earlier run left where they are to be kept."""
+    store, parts = store_of(run), dict[str, PartMark]()
     if run.options["resume"]:
         store.prepare()
         store.drop_damaged()
         store.drop_records()  # nothing says that they are whole
+        parts = known_parts(store, run.index, run.side, run.window)
     else:
         store.discard()
         store.prepare()
-    return Region(run, store, workers, progress, core or Core(), list(run.failed), points=run.index.points)
+    shown = partial(show_tiles, progress) if run.by_tiles else progress
+    return Region(run, store, workers, shown, list(run.failed), points=run.index.points, parts=parts)
+
+
+def show_tiles(progress: Progress, step: str, done: int, total: int) -> None:
+    """The `Progress` of a run by tiles, of which each goes through the other steps."""
+    if step in ("tiles", "write"):
+        progress(step, done, total)
 
 
 def drop_upkeep(region: Region) -> None:
@@ -178,28 +202,50 @@ def store_of(run: Run) -> Store:
     )
 
 
+def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()) -> None:
+    """The points of all blocks; in a run by tiles those that decide the results of a step for some units."""
+    if region.within is None:
+        if region.used or region.isolated:
+            return
+    else:
+        squares = squares_read(region.run, step, units)
+        if squares <= region.within:
+            return
+        region.within |= squares
+    read_points(region)
+    replace_points(region)
+    use_blocks(region)
+
+
+def squares_to_read(region: Region) -> set[Block] | None:
+    """The blocks whose points were asked for, and those around them, which tell what is isolated; None for
+    all."""
+    return None if region.within is None else {near for block in region.within for near in ring(block)}
+
+
 def read_points(region: Region) -> None:
-    """Bring all points that are not yet there to their blocks.
+    """Bring the points that were asked for to their blocks, where they are not there.
 
     Raises
     ------
     InputError
         When no input can be read.
     """
-    run, store = region.run, region.store
-    parts = {part.name: part for part in file_slices(run.index)}
-    keys = {name: key_of_part(part, store, run.side, run.window) for name, part in parts.items()}
-    before = known_parts(store, keys)
-    todo = [part for name, part in parts.items() if name not in before or before[name].unread is not None]
-    records = {name: mark.records for name, mark in before.items()}
-    read = sum(mark.records for mark in before.values() if mark.unread is None)
+    run, store, squares = region.run, region.store, squares_to_read(region)
+    index, numbers = run.index, np.arange(len(run.index))
+    if squares is not None:
+        numbers = inputs_meeting(index, bounds_by_tile(squares, run.tile_side))
+    parts = {part.name: part for part in file_slices(index, numbers)}
+    names = None if squares is None else {square.name for square in squares}
+    todo = [part for part in parts.values() if not is_in_place(region, part, names)]
+    read = sum(mark.records for mark in region.parts.values() if mark.unread is None)
 
     def read_more(points: int) -> None:
         nonlocal read
         read += points
-        region.progress("read", min(read, run.index.points), run.index.points)
+        region.progress("read", min(read, index.points), index.points)
 
-    tasks = [(part, keys[part.name]) for part in todo]
+    tasks = [(part, key_of_part(part, store, run.side, run.window)) for part in todo]
     work, workers = partial(read_part, store=store, run=run, copied=copies_records(run)), region.workers
     if workers.alone or len(todo) == 1:
         work, workers = partial(work, progress=read_more), Workers()
@@ -211,23 +257,36 @@ def read_points(region: Region) -> None:
             region.note(outcome, str(part.path))
             unread[part.number] = region.failed.pop()
             continue
-        done, box = outcome.answer
-        records[part.name] = done.records
-        if done.unread is not None and part.number not in unread:
-            log.error("%s", done.unread)
-            unread[part.number] = done.unread
+        mark, box = outcome.answer
+        region.parts[part.name] = mark
+        if mark.unread is not None and part.number not in unread:
+            log.error("%s", mark.unread)
+            unread[part.number] = mark.unread
         if box is not None:
             region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
         if workers is region.workers:
-            read_more(done.records)
-    for number in unread:
-        own = [name for name, part in parts.items() if part.number == number]
-        region.points -= run.index.count(number) - sum(records.get(name, 0) for name in own)
-    if unread and len(unread) == len(run.index):
-        region.refuse(next(iter(unread.values())))
-    region.failed += unread.values()
-    region.points_keys = keys_of_points(store)
+            read_more(mark.records)
+    for number in unread.keys() - region.unread.keys():
+        names_of = [name for name, part in parts.items() if part.number == number]
+        records = sum(region.parts[name].records for name in names_of if name in region.parts)
+        region.points -= index.count(number) - records
+    region.unread |= unread
+    if region.unread and len(region.unread) == len(index):
+        region.refuse(next(iter(region.unread.values())))
+    region.failed += [region.unread[number] for number in map(int, numbers) if number in region.unread]
+    region.points_keys = keys_of_points(region.parts)
     region.budget.step("read")
+
+
+def is_in_place(region: Region, part: FileSlice, names: Collection[str] | None) -> bool:
+    """True if the points of a part of an input are there, in the blocks of some names, or in all."""
+    mark, store = region.parts.get(part.name), region.store
+    if mark is None:
+        return part.number in region.unread  # a file that cannot be read is not tried again
+    if mark.unread is not None and part.number not in region.unread:
+        return False
+    blocks = [name for name in mark.blocks if names is None or name in names]
+    return all((store.folder / "points" / name / f"{part.name}.bin").exists() for name in blocks)
 
 
 def read_part(
@@ -261,41 +320,55 @@ def replace_points(region: Region) -> None:
 
 
 def use_blocks(region: Region) -> None:
-    """Find the blocks that are used: those with points, without those that hold nothing but isolated.
+    """Find the blocks that are used: those with points, without those that hold nothing but isolated."""
+    store, squares = region.store, squares_to_read(region)
+    blocks = [block for block in store.blocks(region.run.side) if squares is None or block in squares]
+    isolated = find_isolated_blocks(store, blocks)
+    inside = blocks if region.within is None else [block for block in blocks if block in region.within]
+    region.with_points = frozenset(inside)
+    region.used = region.with_points - isolated.keys()
+    region.isolated |= {block: isolated[block] for block in inside if block in isolated}
+    for step in (FLOORS, REGIONS):
+        for block in store.units(step.name, region.run.side):
+            if block not in region.used and (region.within is None or block in region.within):
+                store.remove(step.name, block)
+
+
+def check_blocks(region: Region) -> None:
+    """Say what was left out, and what lies elsewhere than its header says.
 
     Raises
     ------
     InputError
-        When the whole inputs leave no point, or their rasters would be too large.
+        When the whole inputs leave no point.
     """
-    run, window = region.run, region.run.window
-    blocks = region.store.blocks(run.side)
-    whole = region.core.loaded is None and window.bounds is None and window.clip is None
-    if run.index.points and not blocks and whole:
+    run = region.run
+    if region.isolated:
+        log.warning(
+            "%d points in %d blocks far from all others are left out; where they are a survey, check its "
+            "coordinates",
+            sum(region.isolated.values()),
+            len(region.isolated),
+        )
+    warn_of_wrong_boxes(region)
+    if region.shown:
+        return
+    if run.index.points and not region.isolated and run.window == Window():
         region.refuse(
             f"{run.index.path(0)}: none of {run.index.points:,} points can be used, all are withheld or "
             "without coordinates; export the points again"
         )
-    isolated = find_isolated_blocks(region.store, blocks)
-    if isolated:
-        log.warning(
-            "%d points in %d blocks far from all others are left out; where they are a survey, check its "
-            "coordinates",
-            sum(isolated.values()),
-            len(isolated),
-        )
-    region.blocks = [block for block in blocks if block not in isolated]
-    if region.blocks and {"rasters", "mask"} & set(run.outputs):
-        spans = np.ptp([(block.column, block.row) for block in region.blocks], axis=0) + 1
-        width, height = (spans * run.side / CELL).round().astype(int).tolist()
-        if width * height > LARGEST_RASTER:
-            region.refuse(
-                f"{run.folder}: the rasters would have {width:,} by {height:,} cells; check the coordinates "
-                "of the inputs, or build their regions apart with --per-tile or --bounds"
-            )
-    region.store.keep_only(FLOORS.name, region.blocks)
-    if not region.own_blocks:
-        log.warning("no points left to use: see the bounds, the clip area and the files")
+    log.warning("no points left to use: see the bounds, the clip area and the files")
+
+
+def blocks_of(region: Region, area: Area) -> list[Block]:
+    """The blocks of an area that are used, and in a run by tiles those around them."""
+    if not area.tiles:
+        bring_points(region)
+        return region.blocks
+    squares = squares_of_area(region, area)
+    bring_points(region, REGIONS, squares)
+    return sorted(squares & region.used)
 
 
 def find_regions(region: Region, blocks: Sequence[Block]) -> None:
@@ -304,36 +377,25 @@ def find_regions(region: Region, blocks: Sequence[Block]) -> None:
     bring(region, REGIONS, region.workers.heaviest_first(blocks, region.store.count_points))
 
 
-def blocks_ahead(region: Region, done: Sequence[Block]) -> list[Block]:
-    """The blocks into which buildings of the core go on from those that are done.
-
-    Raises
-    ------
-    TooNarrowError
-        When they lie beyond what was loaded.
-    """
-    run, core = region.run, region.core
-    if core.loaded is None:  # all blocks are the core's
+def blocks_ahead(region: Region, area: Area, done: Sequence[Block]) -> list[Block]:
+    """The blocks into which buildings of an area go on from those that are done."""
+    if not area.tiles or region.run.given is not None:
         return []
-    beyond = blocks_beyond(seams(region, done), core.holds)
-    if run.given is not None:
-        beyond |= blocks_under(run.given, run.side, core.holds)
-    beyond -= set(done)
-    if not all(map(core.reaches, beyond)):
-        raise TooNarrowError
-    return sorted(beyond & set(region.blocks))
+    beyond = blocks_beyond(seams(region, done), area.holds) - set(done)
+    bring_points(region, REGIONS, beyond)
+    return sorted(beyond & region.used)
 
 
-def join_buildings(region: Region, done: Sequence[Block]) -> list[OwnedBuildings]:
-    """The buildings of the core, from the regions of the blocks that are done, or from given footprints."""
+def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[OwnedBuildings]:
+    """The buildings of an area, from the regions of the blocks that are done, or from given footprints."""
     run = region.run
-    region.store.keep_only(REGIONS.name, done)
     if run.given is not None:
-        plans = assign_footprints(run.given, region.blocks, run.side, run.lost)
+        first = run.first_block
+        plans = assign_footprints(region.given.of(area), region.blocks, first, region.lost.of(area))
     else:
         plans = with_addresses(join_regions(seams(region, done)), run.addresses)
     region.budget.step("blocks")
-    return [plan for plan in plans if region.core.holds(plan.owner_block)]
+    return [plan for plan in plans if area.holds(plan.owner_block)]
 
 
 def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
@@ -347,10 +409,20 @@ def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
 
 def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
-    plans = region.workers.heaviest_first(plans, partial(size_of, store=region.store))
-    region.store.keep_only(BUILDINGS.name, [plan.owner_block for plan in plans])
-    compute(region, BUILDINGS, plans)
+    bring_points(region, BUILDINGS, plans)
+    bring_inputs(region, BUILDINGS, plans)
+    compute(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, store=region.store)))
     region.budget.step("buildings")
+
+
+def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
+    """The buildings of some owner blocks after a person's edits."""
+    for group in by_tile(region, units):
+        bring_points(region, EDITED, group)
+        bring_inputs(region, EDITED, group)
+        compute(region, EDITED, group)
+        if region.run.by_tiles:
+            let_go(region)
 
 
 def size_of(plan: OwnedBuildings, store: Store) -> float:
@@ -377,15 +449,15 @@ def end_region(region: Region, complete: bool) -> None:
         store.discard()
 
 
-def warn_of_wrong_boxes(index: Index, wrong_boxes: Mapping[int, Bounds]) -> None:
+def warn_of_wrong_boxes(region: Region) -> None:
     """One warning for all files whose points lie outside the box their header states."""
-    if wrong_boxes:
-        first = min(wrong_boxes)
+    boxes = region.wrong_boxes
+    if boxes:
         log.warning(
             "%d files have points outside the bounding box of their header (the first: %s); the points are "
             "used where they are",
-            len(wrong_boxes),
-            index.path(first),
+            len(boxes),
+            region.run.index.path(min(boxes)),
         )
 
 

@@ -1,17 +1,25 @@
-"""The buildings to look at first."""
+"""What a person looks at first: the buildings of low trust, and the places of doubt, each once."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
+
+import numpy as np
+import shapely
 
 from eaves.figures.rows import BuildingRow
 from eaves.figures.trust import has_defect, judge, lacks_model
 from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row
-from eaves.model import CoordinateSystem
+from eaves.model import Block, CoordinateSystem
+from eaves.model.doubt import Doubt
+from eaves.run.world_squares import WIDE_SQUARE
 
 REVIEW = "review.csv"
 COLUMNS = ("rank", "id", "trust", "worth_m2", "reason", "link", "x", "y")
@@ -19,6 +27,13 @@ COLUMNS = ("rank", "id", "trust", "worth_m2", "reason", "link", "x", "y")
 
 LEAST_WORTH_M2 = 30.0
 """Buildings of which less is wrong, in the mean, are left out: a garage."""
+LEAST_SIDE = 1.0
+"""Side (m) of the square that shows a doubt of less area: it must be seen on a map."""
+LAYER = "the layer doubts of footprints.gpkg"
+LEAST_FACE_M2 = 10.0
+"""A smaller face in doubt (m² in plan) is in the layer `roof_planes`, where `weak` says why."""
+MOST_TOLD = 100
+"""Doubts listed in run.json, the largest; the layer holds all."""
 
 
 def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
@@ -39,11 +54,6 @@ def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
                 "link": f"report.html#building={quote(building.values['id'])}",
             }
             rows.append(Row(building.polygon, words))
-    return ranked(rows)
-
-
-def ranked(rows: Iterable[Row]) -> list[Row]:
-    """The rows, the most worth first, with their ranks."""
     ordered = sorted(rows, key=lambda row: (-row.attributes["worth_m2"], row.attributes["id"]))
     return [Row(row.geometry, {**row.attributes, "rank": rank}) for rank, row in enumerate(ordered, 1)]
 
@@ -61,3 +71,77 @@ def write_review(path: Path, rows: Sequence[Row], system: CoordinateSystem) -> P
                 place = {"x": round(point.x / unit, 2), "y": round(point.y / unit, 2)}
             writer.writerow({**row.attributes, **place})
     return path
+
+
+def doubt_rows(doubts: Iterable[Doubt], side: float) -> list[Row]:
+    """A row for each doubt (world metres), the largest first: the square of its area about its middle.
+
+    What goes on beyond the surroundings that its block sees has another middle in each block, and so may be
+    doubted in several: of those that overlap the largest stays. `side` is that of the blocks.
+    """
+    ordered = sorted(set(doubts), key=lambda one: (-one.area_m2, one.x, one.y, one.stage, one.reason))
+    return [Row(square_of(one), told_of(one)) for one in without_repeated(ordered, side)]
+
+
+def face_doubts(rows: Iterable[BuildingRow]) -> Iterator[Doubt]:
+    """Doubts (world metres) about the larger roof faces that their points do not support."""
+    for row in rows:
+        for polygon, face in row.faces:
+            plan = face.get("projected_m2") or 0.0
+            weak = face.get("weak")
+            if weak is None or plan < LEAST_FACE_M2:
+                continue
+            kind = "a hole where a roof should be" if face.get("no_data") else "a face whose points scatter"
+            middle = shapely.force_2d(polygon).representative_point()
+            yield Doubt(round(middle.x, 2), round(middle.y, 2), float(plan), f"{kind}: {weak}", "roof")
+
+
+def without_repeated(doubts: Sequence[Doubt], side: float) -> list[Doubt]:
+    """The doubts, sorted by size, without those of which a neighbouring block has a larger one of the same
+    kind that overlaps."""
+    if not doubts:
+        return []
+    squares = [square_of(doubt) for doubt in doubts]
+    larger, smaller = shapely.STRtree(squares).query(squares, predicate="intersects")
+    keys = [(one.stage, one.reason.split(":")[0]) for one in doubts]
+    homes = [Block.at(one.x, one.y, WIDE_SQUARE if one.stage == "ground" else side) for one in doubts]
+    dropped = np.zeros(len(doubts), bool)
+    for k, n in zip(larger.tolist(), smaller.tolist(), strict=True):
+        dropped[n] |= k < n and keys[k] == keys[n] and homes[k] != homes[n]
+    return [doubt for doubt, gone in zip(doubts, dropped, strict=True) if not gone]
+
+
+def square_of(doubt: Doubt) -> shapely.Polygon:
+    """The square of a doubt's area about its middle."""
+    half = 0.5 * max(LEAST_SIDE, math.sqrt(doubt.area_m2))
+    return shapely.box(doubt.x - half, doubt.y - half, doubt.x + half, doubt.y + half)
+
+
+def told_of(doubt: Doubt) -> dict[str, Any]:
+    """The columns of a doubt's row."""
+    return {"stage": doubt.stage, "reason": doubt.reason, "area_m2": doubt.area_m2}
+
+
+def doubt_of(row: Row, unit: float) -> Doubt:
+    """The doubt of a row whose geometry has units of so many metres."""
+    assert row.geometry is not None
+    west, south, east, north = (unit * side for side in row.geometry.bounds)
+    words = row.attributes
+    x, y = round(0.5 * (west + east), 2), round(0.5 * (south + north), 2)
+    return Doubt(x, y, words["area_m2"], words["reason"], words["stage"])
+
+
+def describe_doubts(rows: Sequence[Row], unit: float, where: str) -> dict[str, Any]:
+    """Their summary in run.json: counts, and the places of the largest in the reference system's unit, of so
+    many metres. `where` names what to open for them."""
+    places = []
+    for row in rows[:MOST_TOLD]:
+        doubt = doubt_of(row, 1.0)
+        places.append({"x": round(doubt.x / unit, 2), "y": round(doubt.y / unit, 2), **row.attributes})
+    stages = Counter(str(row.attributes["stage"]) for row in rows)
+    return {
+        "count": len(rows),
+        "by_stage": dict(sorted(stages.items())),
+        "see": where,
+        "largest": places,
+    }

@@ -16,7 +16,7 @@ from typing import Any, Self, Unpack
 import eaves
 from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
-from eaves.flow.exports import COPC, check_formats, classified_name, planned_names
+from eaves.flow.exports import COPC, TILES, check_formats, classified_name, planned_names
 from eaves.flow.refusals import (
     refuse_full_disk,
     refuse_no_classes,
@@ -35,9 +35,10 @@ from eaves.formats.inputs import list_inputs
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
 from eaves.methods import DEFAULTS, MethodChoice, name_of
-from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
+from eaves.model import BLOCK_SIDE, Block, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
+from eaves.raster.surfaces import is_large
 from eaves.recipe.recipe import Recipe, is_named, make_recipe
 from eaves.recipe.sources import find_source
 from eaves.run.index import LISTED_INPUTS, Index, index_inputs
@@ -54,12 +55,17 @@ from eaves.run.options import (
 )
 from eaves.run.partition import Window
 from eaves.run.store import WORK
+from eaves.run.world_squares import within
 
 log = logging.getLogger("eaves")
 
 TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
 
+TILE_SIDE = 16 * BLOCK_SIDE
+"""Side of a tile (m): a whole multiple of those of all squares."""
+NOT_BY_TILES = ("classified", "report", "steps")
+"""Outputs of all points, which a run by tiles lets go of."""
 NAMED_SOURCES = 100
 """Maximum number of point files named in each output; of more the first are, and their number."""
 PROCESSES_ABOVE = 1_000_000
@@ -76,7 +82,7 @@ def no_progress(step: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run as it is asked for: picklable, so that a worker can compute a tile on its own."""
+    """A run as it is asked for; picklable."""
 
     folder: Path
     recipe: Recipe
@@ -90,6 +96,8 @@ class Run:
     """True paths of the files asked for, also of those that could not be opened."""
     side: float = BLOCK_SIDE
     """Side of a block (m): what is measured in a block and its surroundings must not follow from a choice."""
+    tile_side: float = TILE_SIDE
+    """Side of a tile (m), in a run by tiles."""
     given: Sequence[Footprint] | None = None
     lost: tuple[Failure, ...] = ()
     """Given polygons that cannot be modelled, with the reason: each has its row all the same."""
@@ -115,8 +123,9 @@ class Run:
 
     @property
     def outputs(self) -> Sequence[str]:
-        """Names of the outputs."""
-        return (*self.options["outputs"], *["steps"] * self.options["steps"])
+        """Names of the outputs, of a run by tiles those that follow from what it keeps."""
+        names = (*self.options["outputs"], *["steps"] * self.options["steps"])
+        return [name for name in names if name not in NOT_BY_TILES] if self.by_tiles else names
 
     @property
     def classified(self) -> Path | None:
@@ -127,6 +136,11 @@ class Run:
     def by_tiles(self) -> bool:
         """True if the run is computed by tiles."""
         return self.classified is None and goes_by_tiles(self.index, self.options)
+
+    @cached_property
+    def first_block(self) -> Block:
+        """The block of the inputs' south-west corner, which owns what has no place."""
+        return Block.at(self.index.extent.west, self.index.extent.south, self.side)
 
     @property
     def jobs(self) -> int:
@@ -258,8 +272,7 @@ def plan_run(
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
-    single = options["classified"] is not None or goes_by_tiles(index, options)
-    carries_edits = carries_edits and not single and (folder / EDITS).exists()
+    carries_edits = carries_edits and options["classified"] is None and (folder / EDITS).exists()
     plan = describe_plan(index, recipe, options, map_, hashes)
     if options["as_published"] and options["source"]:
         log.info("as published: %s", find_source(options["source"]).printed)
@@ -346,10 +359,8 @@ def request_of(run: Run) -> dict[str, Any]:
 
 
 def stated_request(run: Run) -> dict[str, Any]:
-    """The request as run.json states it; nothing of a run by tiles, which is not opened again, and of one of
-    very many inputs."""
-    stated = not run.by_tiles and "tile" not in run.plan and len(run.index) <= LISTED_INPUTS
-    return {"request": request_of(run)} if stated else {}
+    """The request as run.json states it; nothing of a run of very many inputs."""
+    return {"request": request_of(run)} if len(run.index) <= LISTED_INPUTS else {}
 
 
 def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
@@ -391,9 +402,10 @@ def planned_files(index: Index, options: RunOptions) -> set[str]:
     """Names in the output folder of the files, and folders of files, that a run will write."""
     planned, taken = planned_names(options["outputs"], options["formats"]), set[str]()
     by_tiles = goes_by_tiles(index, options)
-    if by_tiles:
-        planned.add("tiles")
-    if options["steps"]:
+    extent = within(index.extent, in_metres(options["bounds"], index.system))  # type: ignore[arg-type] # checked
+    if (by_tiles or is_large(extent)) and {"rasters", "mask"} & set(options["outputs"]):
+        planned.add(TILES)
+    if options["steps"] and not by_tiles:
         planned.add("steps")
     classified = "classified" in options["outputs"] and not by_tiles
     for number in range(len(index)) if classified else ():

@@ -6,7 +6,7 @@ declares; they see no store, key or path. A reach is applied here alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from operator import attrgetter
@@ -243,12 +243,29 @@ def bring(region: Region, step: Step, units: Sequence[Any]) -> None:
     if not units or (step.needs and not parameter(region.run, step.needs)):
         return
     brought.update(units)
+    bring_inputs(region, step, units)
+    compute(region, step, units)
+
+
+def bring_inputs(region: Region, step: Step, units: Sequence[Any]) -> None:
+    """All results of other steps that a step takes for some units."""
     work = Work.of(step, region.run)
     for number, one in enumerate(step.takes):
         if one.source is not None:
             squares = {square for unit in units for square in work.squares(number, unit)}
             bring(region, one.source, sorted(squares - region.brought.get(one.source.name, set())))
-    compute(region, step, units)
+
+
+def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:
+    """The blocks whose points decide the results of a step for some units, by way of all steps it takes."""
+    work, blocks = Work.of(step, run), set[Block]()
+    for number, one in enumerate(step.takes):
+        squares = {square for unit in units for square in work.squares(number, unit)}
+        if one.source is None:
+            blocks |= squares
+        elif not one.source.needs or parameter(run, one.source.needs):
+            blocks |= squares_read(run, one.source, squares)
+    return blocks
 
 
 def compute(region: Region, step: Step, units: Sequence[Any]) -> None:

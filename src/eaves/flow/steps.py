@@ -6,7 +6,7 @@ Nothing else knows these. `eaves.flow.step` computes them; `eaves.pipeline` name
 from __future__ import annotations
 
 from eaves.blocks.block import find_regions, see_regions
-from eaves.blocks.block_file import BlockFile
+from eaves.blocks.block_file import BlockFile, see_shown, show_block
 from eaves.blocks.ground import classify_block, see_ground
 from eaves.blocks.large import (
     TYPES,
@@ -124,5 +124,13 @@ EDITED = Step(
     booked="buildings",
     shown=True,
 )
+SHOWN = Step(
+    name="shown",
+    takes=(REGIONS.around(0), GROUND.around(0)),
+    see=see_shown,
+    run=show_block,
+    load=BlockFile,
+)
+"""What the files show of a block, of a run by tiles, which lets go of the other results."""
 STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED)
-"""In the order in which they run."""
+"""Those of every run, in the order in which they run."""

@@ -1,60 +1,75 @@
-"""A country tile by tile: each tile is computed on its own, and what they wrote is merged."""
+"""Tiles: the order in which the blocks of a large run are visited, and what stays of those that are finished.
+
+A tile's blocks are computed by the steps of any run, from the one store. What no unfinished tile can reach is
+then removed but for the buildings and what the files show of each block; where a long building needs a block
+again, its points are read again. So a run by tiles differs from another in its order alone.
+"""
 
 from __future__ import annotations
 
 import json
-import logging
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from eaves.blocks.ground import seen_from
-from eaves.buildings.join import assign_footprints
-from eaves.figures.rows import BuildingRow
-from eaves.flow.outputs import COUNTED, summary_of, write_map, write_run
-from eaves.flow.review import REVIEW
-from eaves.flow.run import Progress, Run
-from eaves.footprints.read import as_box
-from eaves.formats import InputError
-from eaves.model import Block, Bounds, Footprint, Mask
-from eaves.model.summary import Summary
+from eaves.buildings.join import OwnedBuildings, block_of
+from eaves.flow.run import TILE_SIDE
+from eaves.flow.step import bring_inputs, compute, squares_read
+from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
+from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.code import package_sources
 from eaves.run.index import Index
-from eaves.run.keys import modules_of
-from eaves.run.manifest import MANIFEST, check_folder, read_facts
-from eaves.run.partition import BOX_TOLERANCE, Window
-from eaves.run.workers import Outcome, Workers, peak_memory_mb
-from eaves.run.world_squares import within
+from eaves.run.keys import key_of, modules_of
+from eaves.run.part_file import as_arrays, load_value
+from eaves.run.partition import BOX_TOLERANCE
+from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
 
-log = logging.getLogger("eaves")
+if TYPE_CHECKING:
+    from eaves.flow.region import Region
+    from eaves.flow.run import Run
 
-TILE_BLOCKS = 16
-"""Blocks a side of a tile: 3.84 km with blocks of 240 m. Neighbours' blocks are computed again only where a
-building crosses over, files on the border are read again: a tenth to a third more work."""
-TILES_FOLDER = "tiles"
-WANTED = ("footprints", "models", "rasters")
-"""Outputs that a tile writes on its own; the mask needs the footprints of its neighbours and comes with the
-merge."""
-
-
-TileDone = tuple[dict[str, Any], dict[int, Bounds]]
-"""The facts of a tile's run, and true boxes of inputs whose header is wrong, by number in the whole index."""
+Given = TypeVar("Given", bound=Footprint | Failure)
+VISITED = "visited"
+"""Name of what is remembered of tiles, among the results."""
+INPUT_FACTS = ("files", "inputs", "inputs_sha256", "scan")
+"""What the plan says of all inputs; a tile follows from those near it."""
 
 
-def tile_of(block: Block) -> Block:
-    """The square of the world grid of tiles that a block lies in."""
-    return Block(block.column // TILE_BLOCKS, block.row // TILE_BLOCKS, TILE_BLOCKS * block.side)
+def tile_of(block: Block, side: float = TILE_SIDE) -> Block:
+    """The tile of a side (m), a whole multiple of the block's, that a block lies in."""
+    blocks = round(side / block.side)
+    return Block(block.column // blocks, block.row // blocks, side)
 
 
-def plan_tiles(index: Index, block: float, bounds: Bounds | None = None) -> list[Block]:
-    """The tiles that the inputs' boxes meet, and the bounds where given, in order."""
-    side = TILE_BLOCKS * block
+class ByTile(Generic[Given]):
+    """Given footprints (world metres), or failures of them, by the tile that owns them."""
+
+    def __init__(self, given: Sequence[Given], run: Run) -> None:
+        self._given, self._run = given, run
+
+    @cached_property
+    def tiles(self) -> dict[Block, list[Given]]:
+        """Those that each tile owns, in their order."""
+        tiles: dict[Block, list[Given]] = {}
+        for one in self._given:
+            place = one.footprint if isinstance(one, Failure) else one
+            owner = block_of(place, self._run.first_block)
+            tiles.setdefault(tile_of(owner, self._run.tile_side), []).append(one)
+        return tiles
+
+    def of(self, area: Area) -> Sequence[Given]:
+        """Those that an area owns."""
+        if not area.tiles:
+            return self._given
+        return [one for tile in area.tiles for one in self.tiles.get(tile, ())]
+
+
+def plan_tiles(index: Index, side: float, bounds: Bounds | None = None) -> list[Block]:
+    """The tiles of a side (m) that the inputs' boxes meet, and the bounds where given, in order."""
     west, south, east, north = (index.entries["box"][index.entries["count"] > 0]).T
     if bounds is not None:
         west, south = np.maximum(west, bounds.west), np.maximum(south, bounds.south)
@@ -63,237 +78,198 @@ def plan_tiles(index: Index, block: float, bounds: Bounds | None = None) -> list
         west, south, east, north = west[meets], south[meets], east[meets], north[meets]
     first = np.floor(np.column_stack([west, south]) / side).astype(np.int64)
     last = np.floor(np.column_stack([east, north]) / side).astype(np.int64)
-    found: NDArray[np.int64] = np.zeros((0, 2), np.int64)
+    places: NDArray[np.int64] = np.zeros((0, 2), np.int64)
     across = (last - first).max(axis=0, initial=0)
     for column in range(int(across[0]) + 1):
         for row in range(int(across[1]) + 1):
             here = first + [column, row]
-            found = np.unique(np.concatenate([found, here[(here <= last).all(axis=1)]]), axis=0)
-    return [Block(int(column), int(row), side) for column, row in found]
+            places = np.unique(np.concatenate([places, here[(here <= last).all(axis=1)]]), axis=0)
+    return [Block(int(column), int(row), side) for column, row in places]
 
 
 @dataclass(frozen=True)
-class TileTask:
-    """A tile with the part of the run that concerns it."""
+class Area:
+    """The blocks whose buildings are found together: those of some tiles, or all."""
 
-    tile: Block
-    run: Run
-    numbers: tuple[int, ...]
-    """The inputs' numbers in the whole index."""
-    window: Window
-    """Of the whole run."""
-    ring: int = 1
-    """Number of rings of blocks around the tile that can be computed with it."""
+    tiles: tuple[Block, ...] = ()
+    """None in a run in one piece, whose blocks are all in it."""
+    failures: int = 0
+    """Number of the run's failures before it."""
 
     def holds(self, block: Block) -> bool:
-        """True if a block is one of the tile's."""
-        return tile_of(block) == self.tile
+        """True if a block is in it."""
+        return not self.tiles or tile_of(block, self.tiles[0].side) in self.tiles
 
-    @property
-    def loaded(self) -> Bounds:
-        """World metres of the points that it is computed from."""
-        return loaded_with(self.tile, self.ring, self.run.recipe.buffer)
-
-    def done(self, wrong_boxes: Mapping[int, Bounds]) -> TileDone:
-        """Its result, with the true boxes of inputs, by number in its own index."""
-        return read_facts(self.run.folder), {self.numbers[number]: box for number, box in wrong_boxes.items()}
+    def parts(self) -> list[Area]:
+        """Its tiles as areas of their own."""
+        return [Area((tile,)) for tile in self.tiles] or [self]
 
 
-def with_ring(task: TileTask, ring: int) -> TileTask:
-    """A task with so many blocks around its tile, and the points that these need."""
-    task = replace(task, ring=ring)
-    bounds = within(seen_from(task.loaded, task.run.recipe, task.run.side), task.window.bounds)
-    return replace(task, run=replace(task.run, window=Window(bounds, task.window.clip)))
+WHOLE = Area()
+"""The area of a run in one piece."""
 
 
-def widened(task: TileTask) -> TileTask:
-    """A task with one more ring of blocks: a building goes on beyond those that it had."""
-    log.info("tile %s: a building goes on far beyond it; it is computed again", task.tile.name)
-    return with_ring(task, task.ring + 1)
+@dataclass(frozen=True)
+class Visit:
+    """What is remembered of a tile whose buildings are in the store, or of a run in one piece."""
+
+    owners: tuple[Block, ...]
+    blocks: tuple[Block, ...]
+    """Those that the files show."""
+    points: int = 0
+    read: tuple[Bounds, ...] = ()
+    """World metres of all that was read for it."""
+    key: str = ""
+    """Of all that it follows from."""
 
 
-class TileTasks(Sequence[TileTask]):
-    """The tasks of many tiles, each made when it is asked for: a country's would fill the memory."""
-
-    def __init__(self, run: Run, tiles: Sequence[Block]) -> None:
-        self.run, self.tiles = run, tiles
-        self._given = None if run.given is None else FootprintSearch(run.given)
-        self._addresses = FootprintSearch(run.addresses)
-        self.code = package_sources().digest(["eaves.pipeline", *modules_of(run.recipe)])
-
-    def __len__(self) -> int:
-        return len(self.tiles)
-
-    def __getitem__(self, k: Any) -> Any:
-        """A tile's part of the run: the inputs whose box comes near enough, the footprints likewise."""
-        tile = self.tiles[k]
-        loaded = loaded_with(tile, 1, self.run.recipe.buffer)
-        numbers = np.flatnonzero(inputs_near(loaded, self.run, self.run.index))
-        index = self.run.index.subset(numbers)
-        names = tuple(name for name in WANTED if name in ("footprints", *self.run.outputs))
-        own = replace(
-            self.run.with_options(outputs=names),
-            folder=self.run.folder / TILES_FOLDER / tile.name,
-            index=index,
-            given=None if self._given is None else self._given.near(loaded),
-            addresses=self._addresses.near(loaded),
-            plan={**self.run.plan, **index.describe(), "code": self.code, "tile": tile.name},
-            lost=(),
-            failed=(),
-        )
-        task = TileTask(tile, own, tuple(int(number) for number in numbers), self.run.window)
-        return with_ring(task, 1)
+VISIT_TYPES = {cls.__name__: cls for cls in (Visit, Block, Bounds)}
 
 
-class FootprintSearch:
-    """Footprints (world metres) by place: a country's are too many to look through for every tile."""
+def areas(region: Region) -> Iterator[Area]:
+    """The areas of a run in the order of its work, without the tiles whose buildings are in the store.
 
-    def __init__(self, footprints: Sequence[Footprint]) -> None:
-        self._footprints = footprints
-        self._tree = shapely.STRtree([footprint.polygon for footprint in footprints])
-
-    def near(self, loaded: Bounds) -> list[Footprint]:
-        """Those in or near the bounds of the points loaded, in their order."""
-        found = self._tree.query(as_box(loaded.buffered(BOX_TOLERANCE)))
-        return [self._footprints[k] for k in np.sort(found)]
-
-
-def loaded_with(tile: Block, ring: int, reach: float) -> Bounds:
-    """World metres of the points a tile is computed from."""
-    return tile.bounds.buffered(ring * tile.side / TILE_BLOCKS + reach)
-
-
-def inputs_near(loaded: Bounds, run: Run, index: Index) -> Mask:
-    """Mask (F,) of the inputs that may hold points that a tile is computed from: the ground is found in
-    squares, from farther away."""
-    return index.meeting(seen_from(loaded, run.recipe, run.side).buffered(BOX_TOLERANCE))
-
-
-def known_tile(task: TileTask) -> TileDone | None:
-    """The files that an earlier run wrote of a tile, where it matches; None where it is to be computed."""
-    place = task.run.folder
-    if task.run.options["resume"] and is_whole(place):
-        run = read_facts(place)
-        words = json.loads(json.dumps(task.run.plan))
-        if not run["incomplete"] and all(run.get(key) == value for key, value in words.items()):
-            return run, {}
-    place.mkdir(parents=True, exist_ok=True)
-    return None
+    An input whose header puts it elsewhere than its points is found out when it is read; the tiles that its
+    points do lie in are then computed with it.
+    """
+    if not region.run.by_tiles:
+        yield WHOLE
+        return
+    region.within = set()
+    while True:
+        tiles = tiles_of_run(region)
+        todo = [tile for tile in tiles if not is_visited(region, tile)]
+        if not todo:
+            return
+        step = region.workers.width
+        for first in range(0, len(todo), step):
+            last = first + step
+            region.unfinished = frozenset(todo[last:])
+            yield Area(tuple(todo[first:last]), len(region.failed))
+            done = len(tiles) - len(region.unfinished)
+            region.progress("tiles", done, len(tiles))
+        region.correct_boxes()
 
 
-def is_whole(place: Path) -> bool:
-    """True if an earlier run wrote a tile and every file is unchanged; warns of one that is not."""
-    if not (place / MANIFEST).exists():
-        return False
-    try:
-        wrong = check_folder(place)
-    except InputError as error:
-        wrong = [str(error)]
-    for reason in wrong:
-        log.warning("%s; the tile is computed again", reason)
-    return not wrong
+def tiles_of_run(region: Region) -> list[Block]:
+    """The tiles that inputs or given footprints lie in, in order."""
+    run = region.run
+    tiles = set(plan_tiles(run.index, run.tile_side, run.window.bounds))
+    return sorted(tiles.union(region.given.tiles, region.lost.tiles))
 
 
-class Tiles:
-    """The tiles of a run on their way: which are to be computed, and what came of the others."""
-
-    def __init__(self, run: Run) -> None:
-        self.run, self.index = run, run.index
-        self.done: dict[Block, dict[str, Any]] = {}
-        self.failed: dict[Block, str] = {}
-        self.wrong_boxes: dict[int, Bounds] = {}
-        self.peak = peak_memory_mb()
-        self.todo = plan_tiles(self.index, run.side, run.window.bounds)
-        self._new: dict[int, Bounds] = {}
-        if "classified" in run.outputs:
-            log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
-
-    def tasks(self) -> TileTasks:
-        """Those to be computed, with all that they need."""
-        return TileTasks(replace(self.run, index=self.index), self.todo)
-
-    def note(self, outcome: Outcome) -> None:
-        """Take down what came of a tile."""
-        tile = self.todo[outcome.index]
-        self.peak = max(self.peak, outcome.peak_mb)
-        if outcome.answer is None:
-            self.failed[tile] = f"tile {tile.name}: {outcome.error}"
-            log.error("%s", self.failed[tile])
-        else:
-            self.done[tile], boxes = outcome.answer
-            self._new |= {number: box for number, box in boxes.items() if number not in self.wrong_boxes}
-
-    def look_again(self) -> None:
-        """Find the tiles that meet other inputs now that the true boxes of some are known."""
-        new, self._new = self._new, {}
-        self.wrong_boxes |= new
-        old, self.index = self.index, self.index.with_boxes(new)
-        tiles = plan_tiles(self.index, self.run.side, self.run.window.bounds) if new else []
-        known = self.done.keys() | self.failed.keys()
-        self.todo = [one for one in tiles if one not in known or differs(one, self.run, old, self.index)]
-
-    def merge(self, workers: Workers, progress: Progress) -> Summary:
-        """Put together what the tiles wrote."""
-        from eaves.flow.merge import merge_footprints, merge_masks, merge_rasters  # late: needs rasterio
-
-        run, folder = self.run, self.run.folder
-        files = [folder / "footprints.gpkg", folder / REVIEW]
-        places = [folder / TILES_FOLDER / tile.name for tile in sorted(self.done)]
-        with_terrain = [place for place in places if (place / "dtm.tif").exists()]
-        lost = rows_of_no_tile(run, {*self.done, *self.failed})
-        doubts = merge_footprints(files[0], with_terrain, run.index.system, lost, run.side, run.provenance)
-        progress("merge", 1, 3)
-        if with_terrain:
-            merge_masks(files[0], with_terrain, run.index.system, workers, run.provenance)
-            progress("merge", 2, 3)
-            files += merge_rasters(folder, with_terrain, run.provenance)
-        files.append(write_map(folder, files, run.index.system))
-        progress("merge", 3, 3)
-        files += [place / MANIFEST for place in places]
-        files.append(folder / MANIFEST)
-        summary = self._summary(lost, files)
-        summary = replace(summary, run={**summary.run, "doubts": doubts})
-        write_run(summary)
-        return summary
-
-    def _summary(self, lost: Sequence[BuildingRow], files: Sequence[Path]) -> Summary:
-        """The sums over all tiles, and the buildings of none."""
-        runs = [self.done[tile] for tile in sorted(self.done)]
-        failed = [*self.run.failed, *self.failed.values()]
-        failed += [reason for one in runs for reason in one["incomplete"]]
-        counts = {name: Counter[str]() for name in (*COUNTED, "seconds")}
-        counts["trust"]["low"] += len(lost)
-        counts["failures"].update(row.code for row in lost if row.code)
-        for one in runs:
-            for name, counter in counts.items():
-                counter.update(one["stage_cpu_seconds" if name == "seconds" else name])
-        counts["seconds"] = Counter({name: round(value, 3) for name, value in counts["seconds"].items()})
-        return summary_of(
-            self.run,
-            counts,
-            points_used=sum(one["points_used"] for one in runs),
-            found=sum(one["found"] for one in runs) + len(lost),
-            files=tuple(files),
-            failed=tuple(dict.fromkeys(failed)),
-            words={"peak_memory_mb": round(self.peak), "tiles": len(runs)},
-        )
+def squares_of_area(region: Region, area: Area) -> set[Block]:
+    """The blocks of an area by tiles, those around them, and those under given footprints that it owns."""
+    side = region.run.side
+    squares = {near for tile in area.tiles for near in squares_of(tile.bounds.buffered(side), side)}
+    for footprint in region.given.of(area):
+        squares |= set(squares_touching(Bounds(*footprint.polygon.bounds), side))
+    return squares
 
 
-def rows_of_no_tile(run: Run, tiles: set[Block]) -> list[BuildingRow]:
-    """The rows of the given footprints that no tile owns: they lie where no input has points."""
-    if run.given is None:
-        return []
-    plans = assign_footprints(run.given, [], run.side, run.lost)
-    unowned = set(run.lost)
-    return [
-        BuildingRow.of(plan.failure, {})
-        for one in plans
-        for plan in one.buildings
-        if plan.failure is not None and (plan.failure in unowned or tile_of(one.owner_block) not in tiles)
+def bounds_by_tile(squares: set[Block], side: float) -> list[Bounds]:
+    """World metres of some blocks, tile by tile: what lies far apart is no reason to read all between."""
+    bounds: dict[Block, Bounds] = {}
+    for square in squares:
+        tile = tile_of(square, side)
+        bounds[tile] = square.bounds.union(bounds.get(tile, square.bounds))
+    return [bounds[tile] for tile in sorted(bounds)]
+
+
+def inputs_meeting(index: Index, places: Sequence[Bounds]) -> NDArray[np.int64]:
+    """Numbers of the inputs that may have points in some rectangles (world metres), rising."""
+    masks = [index.meeting(bounds.buffered(BOX_TOLERANCE)) for bounds in places]
+    return np.flatnonzero(np.any([np.zeros(len(index), bool), *masks], axis=0))
+
+
+def leave(region: Region, area: Area, plans: Sequence[OwnedBuildings]) -> None:
+    """Remember what was found of an area, and let go of what no unfinished one can reach."""
+    store = region.store
+    if area.tiles:
+        shown = [block for block in region.blocks if area.holds(block) and store.has(REGIONS.name, block)]
+        bring_inputs(region, SHOWN, shown)
+        compute(region, SHOWN, shown)
+    read = tuple(bounds_by_tile(region.within or set(), region.run.tile_side))
+    for part in area.parts():
+        owners = tuple(sorted(plan.owner_block for plan in plans if part.holds(plan.owner_block)))
+        blocks = tuple(block for block in region.blocks if part.holds(block))
+        points = sum(map(store.count_points, blocks))
+        if not area.tiles:
+            region.visits[None] = Visit(owners, blocks, points)
+            continue
+        (tile,) = part.tiles
+        visit = Visit(owners, blocks, points, read, key_of_tile(region, tile, read))
+        region.visits[tile] = visit
+        if len(region.failed) == area.failures:
+            store.save(VISITED, tile, as_arrays(visit))
+    if area.tiles:
+        let_go(region)
+
+
+def key_of_tile(region: Region, tile: Block, read: Sequence[Bounds]) -> str:
+    """The key of all that the buildings of a tile follow from, of the inputs those near what was read."""
+    run = region.run
+    code = package_sources().digest(["eaves.pipeline", *modules_of(run.recipe)])
+    plan = {name: value for name, value in run.plan.items() if name not in INPUT_FACTS}
+    starts = run.index.starts
+    inputs = [
+        (int(number), int(starts[number]), run.index.mark(int(number)))
+        for number in inputs_meeting(run.index, read)
     ]
+    return key_of(code, json.dumps(plan, sort_keys=True), tile.name, run.side, run.window, inputs)
 
 
-def differs(tile: Block, run: Run, old: Index, new: Index) -> bool:
-    """True if a tile meets other inputs when boxes are corrected."""
-    loaded = loaded_with(tile, 1, run.recipe.buffer)
-    return bool((inputs_near(loaded, run, new) & ~inputs_near(loaded, run, old)).any())
+def is_visited(region: Region, tile: Block) -> bool:
+    """True if the buildings of a tile are known: visited by this run, or by one that was broken off."""
+    store, visit = region.store, region.visits.get(tile)
+    if visit is None and store.has(VISITED, tile):
+        visit = load_value(store.path(VISITED, tile), VISIT_TYPES)
+        units = {BUILDINGS.name: visit.owners, SHOWN.name: visit.blocks}
+        if not all(store.has(name, unit) for name, some in units.items() for unit in some):
+            return False
+    if visit is None or visit.key != key_of_tile(region, tile, visit.read):
+        return False
+    region.visits[tile] = visit
+    return True
+
+
+def let_go(region: Region) -> None:
+    """Remove points and results that no unfinished tile can reach, but what stays of finished ones; what is
+    asked for from then on is brought anew where it is not there."""
+    store, side, run = region.store, region.run.side, region.run
+    reach = reach_of(run)
+
+    def is_reached(bounds: Bounds) -> bool:
+        tiles = squares_of(bounds.buffered(reach), run.tile_side)
+        return any(tile in region.unfinished for tile in tiles)
+
+    for step in STEPS:
+        if step.booked != BUILDINGS.booked:
+            for unit in store.units(step.name, step.side or side):
+                if not is_reached(unit.bounds):
+                    store.remove(step.name, unit)
+    for block in store.blocks(side):
+        if not is_reached(block.bounds):
+            store.remove_points(block)
+    for name in list(region.parts):
+        if not is_reached(run.index.bounds(int(name.split("-")[0]))):
+            store.part_path(name).unlink(missing_ok=True)
+            del region.parts[name]
+    region.within, region.brought = set(), {}
+
+
+def reach_of(run: Run) -> float:
+    """Distance (m) beyond a tile of the points that its buildings follow from, but for long ones."""
+    squares = squares_of(Block(0, 0, run.tile_side).bounds.buffered(run.side), run.side)
+    read = {near for square in squares_read(run, REGIONS, squares) for near in ring(square)}
+    return WIDE_SQUARE - min(min(square.bounds.west, square.bounds.south) for square in read)
+
+
+def by_tile(region: Region, units: Sequence[Any]) -> list[list[Any]]:
+    """Units with owner blocks in groups that are computed one after the other: those of a tile, or all."""
+    if not region.run.by_tiles:
+        return [list(units)]
+    groups: dict[Block, list[Any]] = {}
+    for unit in units:
+        groups.setdefault(tile_of(unit.owner_block, region.run.tile_side), []).append(unit)
+    return [groups[tile] for tile in sorted(groups)]

@@ -42,13 +42,11 @@ class FaceTable:
     @classmethod
     def of_solids(cls, solids: Iterable[Solid], surface: str | None = None) -> FaceTable:
         """The faces of solids in their order, all or those of one kind of surface."""
-        corners, sizes, counts = [np.zeros((0, 3))], [], []
+        tables = []
         for solid in solids:
-            faces = [face.rings for face in solid.faces if surface is None or face.surface == surface]
-            corners.append(solid.vertices[[vertex for face in faces for ring in face for vertex in ring]])
-            sizes += [len(ring) for face in faces for ring in face]
-            counts += [len(face) for face in faces]
-        return cls(np.concatenate(corners), np.array(sizes, np.int64), np.array(counts, np.int64))
+            table = cls(solid.vertices[solid.corners], solid.ring_sizes, solid.ring_counts)
+            tables.append(table if surface is None else table.take(solid.surfaces == surface))
+        return tables[0] if len(tables) == 1 else cls.join(tables)
 
     @classmethod
     def join(cls, tables: Sequence[FaceTable]) -> FaceTable:
@@ -63,8 +61,8 @@ class FaceTable:
 
     def take(self, which: Mask) -> FaceTable:
         """The faces where the mask (F,) is true."""
-        ring = np.repeat(which, self.ring_counts)
-        corners = self.corners[np.repeat(ring, self.ring_sizes)]
+        ring = which.repeat(self.ring_counts)
+        corners = self.corners[ring.repeat(self.ring_sizes)]
         return FaceTable(corners, self.ring_sizes[ring], self.ring_counts[which])
 
     def moved(self, shift: Values) -> FaceTable:
@@ -81,22 +79,22 @@ class FaceTable:
     @cached_property
     def ring_start(self) -> Integers:
         """The first corner (R,) of each ring."""
-        return np.cumsum(self.ring_sizes) - self.ring_sizes
+        return np.asarray(self.ring_sizes.cumsum() - self.ring_sizes)
 
     @cached_property
     def outer(self) -> Integers:
         """The outer ring (F,) of each face."""
-        return np.cumsum(self.ring_counts) - self.ring_counts
+        return np.asarray(self.ring_counts.cumsum() - self.ring_counts)
 
     @cached_property
     def face_of_ring(self) -> Integers:
         """The face (R,) of each ring."""
-        return np.repeat(np.arange(len(self)), self.ring_counts)
+        return np.arange(len(self)).repeat(self.ring_counts)
 
     @cached_property
     def face_of_corner(self) -> Integers:
         """The face (V,) of each corner, and of the edge that begins there."""
-        return np.repeat(self.face_of_ring, self.ring_sizes)
+        return self.face_of_ring.repeat(self.ring_sizes)
 
     @cached_property
     def following(self) -> Integers:

@@ -80,6 +80,45 @@ def nearest_kernel(queries: Points, xyz: Points, side: float, count: int) -> tup
     return neighbours, squares
 
 
+def thin(xyz: Points, side: float) -> tuple[Integers, Integers, Integers]:
+    """One point for all those of a cell of `side` (m) and of as much height, counted from the lowest there.
+
+    Parameters
+    ----------
+    xyz : ndarray (N, 3)
+        Local metres.
+    side : float
+        Side (m) of the cells, which begin at (0, 0).
+
+    Returns
+    -------
+    chosen : ndarray (K,) of int64
+        The numbers of the points that are kept, ascending: of each group the middle by height.
+    others : ndarray (N - K,) of int64
+        The numbers of the rest, group by group in the order of `chosen`.
+    counts : ndarray (K,) of int64
+        How many of `others` each group has.
+    """
+    column, row = np.floor(xyz[:, :2] / side).astype(np.int64).T
+    order = np.lexsort((xyz[:, 2], column, row))
+    column, row, height = column[order], row[order], xyz[order, 2]
+    first = np.ones(len(order), bool)
+    first[1:] = (np.diff(column) != 0) | (np.diff(row) != 0)
+    lowest = height[first][np.cumsum(first) - 1]
+    level = ((height - lowest) / side).astype(np.int64)
+    first[1:] |= np.diff(level) != 0
+    start, group = np.flatnonzero(first), np.cumsum(first) - 1
+    size = np.diff(start, append=len(order))
+    middle = start + size // 2
+    rank = np.argsort(order[middle])
+    place = np.empty(len(start), np.int64)
+    place[rank] = np.arange(len(start))
+    rest = np.ones(len(order), bool)
+    rest[middle] = False
+    by_group = np.argsort(place[group[rest]], kind="stable")
+    return order[middle][rank], order[rest][by_group], size[rank] - 1
+
+
 def measure_spacing(xyz: Points) -> float:
     """Mean spacing (m) of points (N, 2 or 3) in plan: 1 / √density over the area where there are points.
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from eaves.model.arrays import Integers, Points, Values
 
@@ -22,6 +26,8 @@ OVERHANGS = "2.3"
 GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE = "GroundSurface", "WallSurface", "RoofSurface"
 OUTER_CEILING_SURFACE = "OuterCeilingSurface"
 """The underside of an overhang or of a roof without walls."""
+NO_PLANE = -1
+"""`Solid.planes` of a face that belongs to no plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,28 +208,68 @@ class Face:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed, outward-oriented shell.
+    """A closed, outward-oriented shell of F faces.
 
     Parameters
     ----------
     vertices : ndarray (V, 3)
         Coordinates in local metres, shared by the faces.
-    faces : tuple of Face
-        Its faces; their rings index `vertices`.
+    corners : ndarray (C,) of int64
+        The vertices of all rings, one ring behind the other.
+    ring_sizes : ndarray (R,) of int64
+        Number of corners of each ring.
+    ring_counts : ndarray (F,) of int64
+        Number of rings of each face; its outer ring is the first.
+    surfaces : ndarray (F,) of str
+        The surface of each face, as in `Face`.
+    planes : ndarray (F,) of int64
+        The plane of each face, as in `Face`; -1 for none.
 
     Examples
     --------
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> solid = nine_roofs_on_a_slope(density=1.0).buildings[0].model().solids["2.2"][0]
-    >>> solid.vertices.shape, len(solid.faces)
-    ((8, 3), 6)
+    >>> solid.vertices.shape, len(solid.faces), solid.faces[0].surface
+    ((8, 3), 6, 'RoofSurface')
     """
 
     vertices: Points
-    faces: tuple[Face, ...]
+    corners: Integers
+    ring_sizes: Integers
+    ring_counts: Integers
+    surfaces: NDArray[np.str_]
+    planes: Integers
+
+    @classmethod
+    def of(cls, vertices: Points, faces: Iterable[Face]) -> Solid:
+        """The solid of vertices (V, 3) and of faces whose rings are numbers of these."""
+        faces = tuple(faces)
+        rings = [ring for face in faces for ring in face.rings]
+        return cls(
+            vertices,
+            np.array([vertex for ring in rings for vertex in ring], np.int64),
+            np.array([len(ring) for ring in rings], np.int64),
+            np.array([len(face.rings) for face in faces], np.int64),
+            np.array([face.surface for face in faces], np.str_),
+            np.array([NO_PLANE if face.plane is None else face.plane for face in faces], np.int64),
+        )
+
+    @cached_property
+    def faces(self) -> tuple[Face, ...]:
+        """The faces, one by one."""
+        corner = iter(self.corners.tolist())
+        rings = iter([tuple(islice(corner, size)) for size in self.ring_sizes.tolist()])
+        columns = self.ring_counts.tolist(), self.surfaces.tolist(), self.planes.tolist()
+        return tuple(
+            Face(tuple(islice(rings, count)), surface, None if plane == NO_PLANE else plane)
+            for count, surface, plane in zip(*columns, strict=True)
+        )
 
     def __repr__(self) -> str:
-        return f"Solid({len(self.vertices)} vertices, {len(self.faces)} faces)"
+        return f"Solid({len(self.vertices)} vertices, {len(self.ring_counts)} faces)"
+
+
+EMPTY_SOLID = Solid.of(np.zeros((0, 3)), ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +304,7 @@ class Installation:
     top: float
     height: float
     points: int
-    solid: Solid = Solid(np.zeros((0, 3)), ())
+    solid: Solid = EMPTY_SOLID
 
 
 @dataclass(frozen=True, eq=False)

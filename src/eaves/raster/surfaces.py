@@ -14,6 +14,13 @@ from eaves.raster.interpolate import fill_linear, fill_linear_twice, fill_neares
 
 CELL = 0.5
 """Side of a cell of the rasters (m)."""
+LARGEST_RASTER = 10_000_000_000
+"""Cells of a raster in one file, 50 km by 50 km: more cost time though they are empty."""
+
+
+def is_large(extent: Bounds) -> bool:
+    """True if a raster over an extent (world metres) has more cells than one file holds."""
+    return extent.width * extent.height / CELL**2 > LARGEST_RASTER
 
 
 def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:

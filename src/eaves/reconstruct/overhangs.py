@@ -13,6 +13,7 @@ from scipy.special import bdtrc
 from shapely import Polygon
 
 from eaves.figures.attributes import LEAST_SHOWN, surface_heights
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import OVERHANGS, WALL_SURFACE
@@ -391,21 +392,17 @@ def number_walls(solid: Solid, edges: list[Overhang], first: int, base: float) -
     """The solid whose walls on the `base` (m) refer to the edge they stand under, counted from `first`."""
     start, end = (np.array([getattr(edge, side) for edge in edges]) for side in ("start", "end"))
     width = np.array([edge.width or 0.0 for edge in edges])
-    numbers = [number for number, face in enumerate(solid.faces) if face.surface == WALL_SURFACE]
-    low = [
-        number for number in numbers if solid.vertices[list(solid.faces[number].rings[0]), 2].min() <= base
-    ]
-    middles = np.array([solid.vertices[list(solid.faces[number].rings[0])].mean(axis=0) for number in low])
+    table = FaceTable.of_solids([solid])
+    low = np.flatnonzero((solid.surfaces == WALL_SURFACE) & (table.heights[0] <= base))
     if len(low) == 0:
         return solid
+    middles = table.ring_figures[1][table.outer[low]]
     along, inside, length = edge_frames(start, end, middles)
     aside = np.minimum(np.abs(inside - width[:, None]), np.abs(inside))
     aside += np.maximum(np.maximum(-along, along - length[:, None]), 0.0)
-    nearest = first + np.argmin(aside, axis=0)
-    faces = list(solid.faces)
-    for number, edge in zip(low, nearest.tolist(), strict=True):
-        faces[number] = replace(faces[number], plane=edge)
-    return replace(solid, faces=tuple(faces))
+    planes = solid.planes.copy()
+    planes[low] = first + np.argmin(aside, axis=0)
+    return replace(solid, planes=planes)
 
 
 def stands_free(edges: list[Overhang]) -> bool:

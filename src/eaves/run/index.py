@@ -96,6 +96,14 @@ class Index:
         """The place of one file's points by its header."""
         return Bounds(*map(float, self.entries["box"][number]))
 
+    @cached_property
+    def extent(self) -> Bounds:
+        """The place of all points by the headers."""
+        boxes = self.entries["box"][self.entries["count"] > 0]
+        if not len(boxes):
+            return self.bounds(0)
+        return Bounds(*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
+
     def spans_blocks(self, side: float, bounds: Bounds | None = None) -> bool:
         """True if the headers say that points, within the bounds, lie in several blocks of `side` (m)."""
         west, south, east, north = self.entries["box"].T

@@ -112,12 +112,10 @@ def is_changed(path: Path, entry: Entry) -> bool:
 
 
 def changed_files(folder: Path) -> Iterator[Path]:
-    """The files that runs wrote into a folder and its tiles and somebody changed since."""
+    """The files that runs wrote into a folder and somebody changed since."""
     for name, entry in sorted(known_files(folder).items()):
         path = folder / name
-        if path.name == MANIFEST and path.parent != folder:  # a tile's
-            yield from changed_files(path.parent)
-        elif entry and os.path.lexists(path) and is_changed(path, entry):
+        if entry and os.path.lexists(path) and is_changed(path, entry):
             yield path
 
 
@@ -125,10 +123,7 @@ def remove_own(path: Path, entry: Entry) -> None:
     """Remove a file that a run wrote, if nobody has changed it; its folder, when it is then empty."""
     if not path.is_file():
         return
-    if path.name == MANIFEST:  # a tile's
-        for name, own in known_files(path.parent).items():
-            remove_own(path.parent / name, own)
-    elif entry and is_changed(path, entry):
+    if entry and is_changed(path, entry):
         log.warning("%s: an earlier run wrote it and it was changed since; it is left there", path)
         return
     path.unlink()
@@ -179,7 +174,7 @@ def read_words(folder: Path) -> dict[str, Any]:
 
 
 def files_of_run(folder: Path, name: str) -> list[Path]:
-    """The files of a name that a run wrote into a folder and those of its tiles, by its manifest.
+    """The files of a name that a run wrote into a folder, by its manifest.
 
     Raises
     ------
@@ -187,9 +182,7 @@ def files_of_run(folder: Path, name: str) -> list[Path]:
         When the folder holds no run's results.
     """
     names = sorted(read_manifest(folder)["written"])
-    own = [folder / one for one in names if PurePosixPath(one).name == name]
-    tiles = [(folder / one).parent for one in names if PurePosixPath(one).name == MANIFEST]
-    return own + [path for tile in tiles for path in files_of_run(tile, name)]
+    return [folder / written for written in names if PurePosixPath(written).name == name]
 
 
 def is_inside_folder(name: str) -> bool:
@@ -225,7 +218,7 @@ def check_folder(folder: str | Path) -> list[str]:
     """The defects of the results in a folder, a line each; none for a whole run's.
 
     Checked are that the run ended and left nothing out, and that each file it wrote is there with the size
-    and the checksum it had; of a run by tiles the same of every tile. Files that no run wrote are no matter.
+    and the checksum it had. Files that no run wrote are no matter.
 
     Raises
     ------
@@ -259,6 +252,4 @@ def check_folder(folder: str | Path) -> list[str]:
             wrong.append(f"{path}: has {path.stat().st_size} bytes, the run wrote {entry.get('size')}")
         elif entry_of(path)["sha256"] != entry.get("sha256"):
             wrong.append(f"{path}: is not what the run wrote")
-        elif path.name == MANIFEST:  # a tile's
-            wrong += check_folder(path.parent)
     return wrong

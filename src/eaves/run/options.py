@@ -227,8 +227,10 @@ class RunOptions(TypedDict, total=False):
     per_tile: Annotated[
         bool,
         Option(
-            "Compute and write tile by tile, as is done for over 2 billion points.",
+            "Compute tile by tile, as is done for over 2 billion points: the disk holds the points of a few "
+            "tiles at a time, rasters lie in several files, without classified points and report.",
             False,
+            again=True,
         ),
     ]
     classified: Annotated[

@@ -15,7 +15,6 @@ from dataclasses import fields
 from datetime import date, datetime, time, timedelta
 from functools import lru_cache, partial
 from io import BytesIO
-from itertools import islice
 from pathlib import Path
 from struct import Struct
 from typing import Any, Literal
@@ -227,16 +226,8 @@ def plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 def plain_solid(solid: Solid, arrays: list[NDArray[Any]]) -> dict[str, Any]:
     """A solid in JSON's words: its faces, most of what a model consists of, in five lists."""
-    rings = [ring for face in solid.faces for ring in face.rings]
-    return {
-        MARK: "Solid",
-        "vertices": plain(solid.vertices, arrays),
-        "surface": [face.surface for face in solid.faces],
-        "plane": [None if face.plane is None else int(face.plane) for face in solid.faces],
-        "rings": [len(face.rings) for face in solid.faces],
-        "corners": [len(ring) for ring in rings],
-        "vertex": [int(vertex) for ring in rings for vertex in ring],
-    }
+    lists = {one.name: getattr(solid, one.name).tolist() for one in fields(solid)[1:]}
+    return {MARK: "Solid", "vertices": plain(solid.vertices, arrays), **lists}
 
 
 def restored(value: dict[str, Any], arrays: list[NDArray[Any]], types: Mapping[str, type[Any]]) -> Any:
@@ -263,12 +254,6 @@ def restored(value: dict[str, Any], arrays: list[NDArray[Any]], types: Mapping[s
 
 def restored_solid(value: dict[str, Any]) -> Solid:
     """The solid of `plain_solid`."""
-    vertex, rings = iter(value["vertex"]), []
-    for count in value["corners"]:
-        rings.append(tuple(islice(vertex, count)))
-    ring = iter(rings)
-    faces = zip(value["rings"], value["surface"], value["plane"], strict=True)
-    return Solid(
-        value["vertices"],
-        tuple(Face(tuple(islice(ring, count)), surface, plane) for count, surface, plane in faces),
-    )
+    vertices, surfaces = value.pop("vertices"), np.array(value.pop("surfaces"), np.str_)
+    numbers = {name: np.array(numbers, np.int64) for name, numbers in value.items()}
+    return Solid(vertices, surfaces=surfaces, **numbers)

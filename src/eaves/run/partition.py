@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -98,11 +98,11 @@ class Window:
         return np.asarray(usable)
 
 
-def file_slices(index: Index) -> list[FileSlice]:
-    """All parts of all inputs, in order."""
+def file_slices(index: Index, numbers: Iterable[int] | None = None) -> list[FileSlice]:
+    """All parts of the inputs of some numbers, or of all, in order."""
     starts = index.starts
     parts = []
-    for number in range(len(index)):
+    for number in range(len(index)) if numbers is None else map(int, numbers):
         count, kept = int(index.entries["count"][number]), index.kept.get(number)
         n = 1 if kept is not None and kept.kind == "text" else max(1, -(-count // PART_POINTS))
         shared = (number, int(starts[number]), index.path(number), index.crs, count, index.bounds(number))
@@ -117,9 +117,13 @@ def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> s
     return key_of(code, store.system, *place, *store.fields)
 
 
-def known_parts(store: Store, keys: Mapping[str, str]) -> dict[str, PartMark]:
-    """The marks of the parts that are in place with their keys, by name, and whose points are as they were
-    left; what else lies in the folders of points is removed."""
+def known_parts(store: Store, index: Index, side: float, window: Window) -> dict[str, PartMark]:
+    """The marks of the parts of inputs that were read, by name, and whose points are as they were left; what
+    else lies in the folders of points is removed."""
+    numbers = {path.stem.split("-")[0] for path in (store.folder / "parts").glob("*-*.json")}
+    places = sorted(int(number) for number in numbers if number.isdigit())
+    parts = file_slices(index, [number for number in places if number < len(index)])
+    keys = {part.name: key_of_part(part, store, side, window) for part in parts}
     known = {name: mark for name, key in keys.items() if (mark := known_part(store, name, key)) is not None}
     for path in (store.folder / "points").glob("*/*.bin"):
         if path.stem not in known:
@@ -134,8 +138,8 @@ def known_parts(store: Store, keys: Mapping[str, str]) -> dict[str, PartMark]:
 
 
 def known_part(store: Store, name: str, key: str) -> PartMark | None:
-    """The mark of a part; None where there is none of the key, or its points were changed."""
-    path = store.folder / "parts" / f"{name}.json"
+    """The mark of a part; None where there is none of the key, or points of it were changed."""
+    path = store.part_path(name)
     try:
         mark = PartMark(**json.loads(path.read_text(encoding="utf-8")))
         files = {block: (int(size), int(checksum)) for block, (size, checksum) in mark.blocks.items()}
@@ -146,18 +150,18 @@ def known_part(store: Store, name: str, key: str) -> PartMark | None:
         return None
     for block, (size, checksum) in files.items() if mark.key == key else ():
         place = store.folder / "points" / block / f"{name}.bin"
-        if not place.exists() or place.stat().st_size != size or crc32(place.read_bytes()) != checksum:
+        if place.exists() and (place.stat().st_size != size or crc32(place.read_bytes()) != checksum):
             log.warning("%s: the part is damaged; its points are read again", place)
             return None
     return mark if mark.key == key else None
 
 
-def keys_of_points(store: Store) -> dict[str, str]:
-    """The key of the points of each block, by its name, as its files and what is gone of them say."""
+def keys_of_points(marks: Mapping[str, PartMark]) -> dict[str, str]:
+    """The key of the points of each block, by its name, as the marks of parts say, by their names."""
     files: dict[str, list[Any]] = {}
-    for path in sorted((store.folder / "parts").glob("*.json")):
-        for block, file in json.loads(path.read_text(encoding="utf-8"))["blocks"].items():
-            files.setdefault(block, []).append([path.stem, file])
+    for name in sorted(marks):
+        for block, file in marks[name].blocks.items():
+            files.setdefault(block, []).append([name, file])
     return {block: key_of(some) for block, some in files.items()}
 
 
@@ -204,7 +208,7 @@ def partition_slice(
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = seen is not None and inside.union(seen) != inside
     mark = PartMark(key, read, unread, written)
-    with atomic(store.folder / "parts" / f"{part.name}.json") as temporary:
+    with atomic(store.part_path(part.name)) as temporary:
         temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
     return mark, seen if lies else None
 

@@ -23,7 +23,7 @@ log = logging.getLogger("eaves")
 
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 7
+FORM = 8
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -90,6 +90,14 @@ class Store:
     def points_path(self, block: Block) -> Path:
         """The folder of a block's points."""
         return self.folder / "points" / block.name
+
+    def part_path(self, name: str) -> Path:
+        """The file of the mark of a part of an input."""
+        return self.folder / "parts" / f"{name}.json"
+
+    def remove_points(self, block: Block) -> None:
+        """Remove the points of a block."""
+        shutil.rmtree(self.points_path(block), ignore_errors=True)
 
     def records_path(self, name: str) -> Path:
         """The file of the records of a part of an input."""

@@ -179,6 +179,11 @@ class Workers:
         """True if this process does all the work."""
         return self.scheduler is None and self.jobs < 2 and self._share is None
 
+    @property
+    def width(self) -> int:
+        """Number of tasks that are computed at a time."""
+        return max(self.jobs, 1) if self.scheduler is None else max(self._threads(), 1)
+
     def start(self, work: Callable[[], Any]) -> None:
         """Start the processes, if there are to be some, with work that makes them import what they need."""
         if self.scheduler is None and not self.started:
@@ -244,14 +249,9 @@ class Workers:
 
     def _run_on_dask(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
         """As `run`, on the workers of the Dask scheduler."""
-        try:
-            from distributed import Client
-            from distributed import as_completed as completed
-        except ImportError:
-            raise ValueError(f"--scheduler needs the cluster extra; {INSTALL.format('cluster')}") from None
-        if self._client is None:
-            self._client = Client(self.scheduler)
-        threads = sum(self._client.nthreads().values())
+        threads = self._threads()
+        from distributed import as_completed as completed
+
         number: dict[str, int] = {}
         waiting = iter(range(len(tasks)))
 
@@ -269,6 +269,16 @@ class Workers:
             else:
                 yield Outcome(number[future.key], error=f"the cluster lost it: {future.exception()}")
             stream.update(submit(1))
+
+    def _threads(self) -> int:
+        """Number of threads of the Dask scheduler's workers."""
+        try:
+            from distributed import Client
+        except ImportError:
+            raise ValueError(f"--scheduler needs the cluster extra; {INSTALL.format('cluster')}") from None
+        if self._client is None:
+            self._client = Client(self.scheduler)
+        return sum(self._client.nthreads().values())
 
     def _processes(self) -> list[Child]:
         """The processes beside this one, new ones in place of those that died."""

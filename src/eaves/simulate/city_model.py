@@ -17,7 +17,7 @@ from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cit
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.rings import as_polygon
 from eaves.model import Bounds, Face, Solid, Values
-from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model.building import GROUND_SURFACE, NO_PLANE, ROOF_SURFACE, WALL_SURFACE
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
 from eaves.simulate.objects.solids import extrude_partition
 from eaves.simulate.objects.surfaces import ScannedSurfaces
@@ -103,7 +103,7 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     buildings: list[ExactBuilding] = []
     faces = 1
     for item, solid in solids:
-        local = Solid(solid.vertices - [*origin, 0.0], solid.faces)
+        local = replace(solid, vertices=solid.vertices - [*origin, 0.0])
         building = _exact_building(item.id, local, len(buildings) + 1, faces)
         if building is None:
             logger.warning("%s: '%s' has no roof to scan and is left out", path, item.id)
@@ -130,10 +130,8 @@ def _shells(item: CityObject) -> tuple[Solid, ...]:
     finest = max(item.geometries, key=lambda geometry: geometry.lod, default=None)
     if finest is None:
         return ()
-    shells = (
-        replace(solid, faces=tuple(filter(has_corners, solid.faces))) for solid in item.as_solids(finest)
-    )
-    return tuple(solid for solid in shells if solid.faces)
+    shells = (Solid.of(one.vertices, filter(has_corners, one.faces)) for one in item.as_solids(finest))
+    return tuple(solid for solid in shells if len(solid.corners))
 
 
 def _exact_building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:
@@ -162,7 +160,7 @@ def _exact_building(name: str, solid: Solid, number: int, first_face: int) -> Ex
         return None
     base = float(solid.vertices[:, 2].min())
     plan = shapely.orient_polygons(outline)
-    scanned = Solid(solid.vertices, tuple(shell))
+    scanned = Solid.of(solid.vertices, shell)
     closed = _close(faces, base)
     if closed is None:
         logger.info("'%s' cannot be closed over its roof; its reference is as the file has it", name)
@@ -177,8 +175,8 @@ def _close(faces: list[ExactFace], base: float) -> Solid | None:
             solid = extrude_partition([(cell, faces[k].coefficients) for cell, k in cells], base)
         except ValueError:
             continue
-        named = (replace(f, plane=cells[f.plane][1]) if f.plane is not None else f for f in solid.faces)
-        return Solid(solid.vertices, tuple(named))
+        number = np.array([*(k for _, k in cells), NO_PLANE])
+        return replace(solid, planes=number[solid.planes])
     return None
 
 

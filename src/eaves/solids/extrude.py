@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import itemgetter
 
@@ -15,7 +15,7 @@ from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Face, Mask, Points, Solid, Values
-from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model.building import GROUND_SURFACE, NO_PLANE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.solids.coverage import Coverage, coverage_of, cut_polygons
 from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
 from eaves.solids.simplification import (
@@ -284,7 +284,7 @@ def close_solid(
     for foot, top, foot_end, top_end in spans.tolist():
         up, down = range(foot_end, top_end + 1), range(top, foot - 1, -1)
         faces.append(Face(((*up, *down),), WALL_SURFACE))
-    return Solid(vertices[in_use], tuple(faces))
+    return Solid.of(vertices[in_use], faces)
 
 
 def rings_of(
@@ -404,21 +404,17 @@ def tidy(plan: Coverage, labels: Integers, smallest: float, shortest: float) -> 
 
 def number_faces(solids: list[Solid], labels: Integers) -> Extrusion:
     """The solids with their roof faces counted through, and the label of each."""
-    numbered, plane_labels = [], []
+    numbered, plane_labels, count = [], [np.zeros(0, np.int64)], 0
     for solid in solids:
-        faces = []
-        for face in solid.faces:
-            if face.surface == ROOF_SURFACE and face.plane is not None:
-                plane_labels.append(int(labels[face.plane]))
-                face = Face(face.rings, face.surface, len(plane_labels) - 1)
-            faces.append(face)
-        numbered.append(Solid(solid.vertices, tuple(faces)))
-    return Extrusion(tuple(numbered), np.array(plane_labels, np.int64))
+        roof = (solid.surfaces == ROOF_SURFACE) & (solid.planes != NO_PLANE)
+        plane_labels.append(labels[solid.planes[roof]])
+        planes = solid.planes.copy()
+        planes[roof] = count + np.arange(len(plane_labels[-1]))
+        count += len(plane_labels[-1])
+        numbered.append(replace(solid, planes=planes))
+    return Extrusion(tuple(numbered), np.concatenate(plane_labels))
 
 
 def without_numbers(solids: tuple[Solid, ...]) -> tuple[Solid, ...]:
     """The solids with roof faces that belong to no roof plane, as at the coarser levels."""
-    return tuple(
-        Solid(solid.vertices, tuple(Face(face.rings, face.surface) for face in solid.faces))
-        for solid in solids
-    )
+    return tuple(replace(solid, planes=np.full_like(solid.planes, NO_PLANE)) for solid in solids)

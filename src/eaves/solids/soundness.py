@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.planes import eigen_kernel
-from eaves.geometry.rings import polygons_of, ring_edges
+from eaves.geometry.rings import following_places, polygons_of
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import kernel
 from eaves.model import Mask, Points, Solid
@@ -39,38 +42,34 @@ def find_defect(solid: Solid) -> str:
     merging of heights could break: edges used once each way, roof planes, rings that stay simple, faces
     with area.
     """
-    rings = [ring for face in solid.faces for ring in face.rings]
-    if min(map(len, rings)) < 3:
+    if solid.ring_sizes.min() < 3:
         return "a ring of fewer than three vertices"
-    start, end, _ = ring_edges(rings)
+    start, end = solid.corners, solid.corners[following_places(solid.ring_sizes)]
     count = len(solid.vertices)
     forward, back = np.sort(start * count + end), np.sort(end * count + start)
     if np.any(np.diff(forward) == 0) or not np.array_equal(forward, back):
         return "an edge that is not used once each way"
-    clear, steady = surely_sound(solid)
-    flat = {number: on_own_plane(solid, solid.faces[number].rings) for number in steady}
+    table = FaceTable.of_solids([solid])
+    clear, unsteady = surely_sound(table, solid.surfaces)
+    flat = {number: on_own_plane(table.rings_of(number)) for number in unsteady}
     if any(np.abs(places[:, 2]).max() > FLATTEST_SHARE * PLANARITY for places in flat.values()):
         return "a roof face that is not planar"
-    ground = solid.vertices[solid.faces[0].rings[0][0], 2]
-    roof = {v for face in solid.faces if face.surface == ROOF_SURFACE for v in face.rings[0]}
-    if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
+    roof = (solid.surfaces == ROOF_SURFACE).repeat(solid.ring_counts).repeat(solid.ring_sizes)
+    if table.corners[roof, 2].min() < table.corners[0, 2] + LOWEST_WALL:
         return "a roof that reaches the ground"
-    crossing = "" if clear else plan_defect(solid)
-    return crossing or fold_defect(solid, flat)
+    crossing = "" if clear else plan_defect(table.take(solid.surfaces != WALL_SURFACE))
+    roofs = [number for number in flat if solid.surfaces[number] == ROOF_SURFACE]
+    return crossing or fold_defect(table, {number: flat[number] for number in roofs})
 
 
-def surely_sound(solid: Solid) -> tuple[bool, list[int]]:
+def surely_sound(table: FaceTable, surfaces: NDArray[np.str_]) -> tuple[bool, list[int]]:
     """True if the plan of the faces that are not walls is certainly sound, and the numbers of those that may
     not be planar, or have a fold."""
-    numbers = [number for number, face in enumerate(solid.faces) if face.surface != WALL_SURFACE]
-    rings = [ring for number in numbers for ring in solid.faces[number].rings]
-    first = np.cumsum([0, *map(len, rings)])
-    faces = np.cumsum([0, *(len(solid.faces[number].rings) for number in numbers)])
-    places = solid.vertices[[vertex for ring in rings for vertex in ring]]
-    sure = steady_faces_kernel(places, first[faces])
-    return bool(clear_plan_kernel(places, first, faces)), [
-        number for number, is_sound in zip(numbers, sure.tolist(), strict=True) if not is_sound
-    ]
+    level = surfaces != WALL_SURFACE
+    plan = table.take(level)
+    first, faces = np.append(plan.ring_start, len(plan.corners)), np.append(plan.outer, len(plan.ring_sizes))
+    sure = steady_faces_kernel(plan.corners, first[faces])
+    return bool(clear_plan_kernel(plan.corners, first, faces)), level.nonzero()[0][~sure].tolist()
 
 
 @kernel
@@ -176,16 +175,16 @@ def clear_plan_kernel(places: Points, first: NDArray[np.int64], faces: NDArray[n
     return abs(total - covered) < 0.99 * COORDINATE_STEP * length
 
 
-def on_own_plane(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:
-    """The vertices (V, 3) of a face's rings along, across and off its plane of least squares."""
-    places = solid.vertices[[vertex for ring in rings for vertex in ring]]
+def on_own_plane(rings: Sequence[Points]) -> Points:
+    """The corners (V, 3) of a face's rings along, across and off its plane of least squares."""
+    places = np.concatenate(rings)
     centred = places - places.mean(axis=0)
     return np.asarray(centred @ np.linalg.svd(centred, full_matrices=False)[2].T)
 
 
-def plan_defect(solid: Solid) -> str:
-    """The defects of the plan of the roof faces: rings that cross, faces that overlap."""
-    polygons = plan_polygons(solid)
+def plan_defect(plan: FaceTable) -> str:
+    """The defects of the plan of the faces that are not walls: rings that cross, faces that overlap."""
+    polygons = plan.polygons()
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross"
     if shapely.minimum_clearance(polygons).min() < CLOSEST:
@@ -196,26 +195,17 @@ def plan_defect(solid: Solid) -> str:
     return ""
 
 
-def plan_polygons(solid: Solid) -> NDArray[np.object_]:
-    """The faces that are not walls (F,) as polygons in plan."""
-    faces = [face.rings for face in solid.faces if face.surface != WALL_SURFACE]
-    return polygons_of([[solid.vertices[list(ring), :2] for ring in rings] for rings in faces])
-
-
-def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
+def fold_defect(table: FaceTable, flat: Mapping[int, Points]) -> str:
     """Defect where a triangle of a face leans away from the others, as thin ones do once heights are rounded.
 
-    `flat` are the vertices (V, 3) of sloped faces of more than three, by number, on their own planes: there
-    are the triangles of Delaunay by which validators define folds.
+    `flat` are the corners (V, 3) of sloped roof faces of more than three, by number, on their own planes:
+    there are the triangles of Delaunay by which validators define folds.
     """
-    roofs = [number for number in flat if solid.faces[number].surface == ROOF_SURFACE]
-    if not roofs:
+    if not flat:
         return ""
+    sizes = [[len(ring) for ring in table.rings_of(number)] for number in flat]
     polygons = polygons_of(
-        [
-            np.split(flat[number], np.cumsum([len(ring) for ring in solid.faces[number].rings])[:-1])
-            for number in roofs
-        ]
+        [np.split(places, np.cumsum(size)[:-1]) for places, size in zip(flat.values(), sizes, strict=True)]
     )
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross on its plane"

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Solid
-from eaves.model.building import ROOF_SURFACE
+from eaves.model.building import NO_PLANE, ROOF_SURFACE
 from eaves.solids.coverage import (
     NARROWEST_NECK,
     OVERSHOOT,
@@ -41,14 +42,13 @@ class RoofPlan:
     @classmethod
     def of(cls, solid: Solid) -> RoofPlan:
         """The roof faces of a solid that was extruded from a plan."""
-        faces = [face for face in solid.faces if face.surface == ROOF_SURFACE]
-        rings = [[solid.vertices[list(ring)] for ring in face.rings] for face in faces]
-        polygons = [Polygon(loops[0][:, :2], [hole[:, :2] for hole in loops[1:]]) for loops in rings]
-        planes = [plane_through(np.concatenate(loops)) for loops in rings]
+        table = FaceTable.of_solids([solid], ROOF_SURFACE)
+        corners = np.split(table.corners, table.ring_start[table.outer[1:]])
+        planes = solid.planes[solid.surfaces == ROOF_SURFACE].tolist()
         return cls(
-            np.array(polygons, object),
-            np.array(planes),
-            tuple(face.plane for face in faces),
+            table.polygons(),
+            np.array([plane_through(places) for places in corners]),
+            tuple(None if plane == NO_PLANE else plane for plane in planes),
             float(solid.vertices[:, 2].min()),
         )
 

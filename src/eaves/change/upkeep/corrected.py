@@ -14,8 +14,7 @@ from eaves.buildings.edited import Order, OwnedOrders
 from eaves.buildings.join import block_of
 from eaves.change.edits import Edit, edits_of_layer, read_edits, settle
 from eaves.flow.collisions import EDITS, LAYER
-from eaves.flow.region import Region
-from eaves.flow.step import compute
+from eaves.flow.region import Region, model_edits
 from eaves.flow.steps import BUILDINGS, EDITED
 from eaves.model import Block, CoordinateSystem, Failure, Footprint
 from eaves.run.keys import NAMED
@@ -66,7 +65,7 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     orders = [order for order in orders if order.outlines or order.id in home]
     by_owner: dict[Block, list[Order]] = {}
     for order in orders:
-        owner = home.get(order.id) or block_of(Footprint(order.outlines[0]), side)
+        owner = home.get(order.id) or block_of(Footprint(order.outlines[0]), region.run.first_block)
         by_owner.setdefault(owner, []).append(order)
     touched = frozenset([*by_owner, *store.units(EDITED.name, side)])
     store.keep_only(EDITED.name, by_owner)
@@ -74,7 +73,7 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     units = [
         OwnedOrders(owner, tuple(by_owner[owner]), keys.get(owner.name, "")) for owner in sorted(by_owner)
     ]
-    compute(region, EDITED, units)
+    model_edits(region, units)
     conflicts += overlaps(orders, outlines_in(Kept(store), side))
     return Corrected(
         tuple(name for order in orders for name, _ in order.parts),

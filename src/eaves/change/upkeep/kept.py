@@ -63,8 +63,7 @@ def read_request(folder: Path) -> Request:
         else:
             request = Request(plan=facts, **facts["request"])
     except KeyError:
-        remedy = "build a part of it with --bounds and --keep" if "tiles" in facts else REMEDY
-        raise InputError.about(folder, "keeps no parts of its run", remedy) from None
+        raise InputError.about(folder, "keeps no parts of its run", REMEDY) from None
     except TypeError:
         raise InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY) from None
     except (ValueError, RecursionError):

@@ -23,12 +23,12 @@ from eaves.flow.classified_points import KEYS, known_copies
 from eaves.flow.collisions import EDITS, is_same_place
 from eaves.flow.numbers import NUMBERS, keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
-from eaves.flow.region import EARLIER, Region, drop_upkeep, end_region, open_region, store_of
+from eaves.flow.region import EARLIER, Region, bring_points, drop_upkeep, end_region, open_region, store_of
 from eaves.flow.run import Progress, Run, no_progress, stated_request
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model.summary import IncompleteRunError, Summary
-from eaves.pipeline import bring_points, find_buildings, hold_folder
+from eaves.pipeline import find_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
@@ -174,8 +174,8 @@ def update(
             store_of(run).discard()
             link_results(folder / WORK, run.work_folder)
         region = open_region(run, workers, progress)
-        bring_points(region)
         if new:
+            bring_points(region)
             check_place(region)
         if not request.keep:
             compute_again(region, folder)
@@ -258,7 +258,7 @@ def update_region(
         summary=replace(summary, files=tuple(files)),
         date=date,
         points=points_counted(region),
-        blocks=(blocks_computed(region, before), len(region.blocks)),
+        blocks=(blocks_computed(region, before), len(region.shown)),
         versions=versions,
         edits=tuple(edits),
         modelled=edited.modelled,
@@ -372,8 +372,8 @@ def points_counted(region: Region) -> tuple[int, int]:
 
 def blocks_computed(region: Region, before: Kept) -> int:
     """Number of blocks whose results differ from those before."""
-    known = set(before.store.found(REGIONS, region.blocks))
-    return sum(one not in known for one in region.store.found(REGIONS, region.blocks))
+    known = set(before.store.found(REGIONS, region.shown))
+    return sum(one not in known for one in region.store.found(REGIONS, region.shown))
 
 
 def walls_changed(folder: Path, out: Path, others: set[str]) -> list[str]:

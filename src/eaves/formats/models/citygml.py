@@ -22,6 +22,7 @@ from shapely import Polygon
 
 from eaves.formats.atomic import atomic
 from eaves.formats.models.cityjson import attributes_of, clean, installation_figures, reference_system
+from eaves.geometry.face_table import FaceTable
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -321,9 +322,8 @@ class _GmlBuilding:
 
     def _shell(self, solid: Solid) -> str:
         """The faces of a solid as surface members."""
-        faces = (
-            self._polygon([solid.vertices[list(ring)] for ring in face.rings])[1] for face in solid.faces
-        )
+        table = FaceTable.of_solids([solid])
+        faces = (self._polygon(table.rings_of(number))[1] for number in range(len(table)))
         return "".join(f"<gml:surfaceMember>{face}</gml:surfaceMember>" for face in faces)
 
     def _closed(self, shell: str) -> str:
@@ -335,10 +335,10 @@ class _GmlBuilding:
 
     def _surfaces(self, solid: Solid) -> tuple[str, str]:
         """The bounding surfaces of LoD 2, one a face, and the references of the solid to them."""
-        made, references = [], []
-        for face in solid.faces:
-            name, polygon = self._polygon([solid.vertices[list(ring)] for ring in face.rings])
-            kind = f"{self.version.surface}:{face.surface}"
+        made, references, table = [], [], FaceTable.of_solids([solid])
+        for number, surface in enumerate(solid.surfaces.tolist()):
+            name, polygon = self._polygon(table.rings_of(number))
+            kind = f"{self.version.surface}:{surface}"
             tag = "bldg:lod2MultiSurface" if self.version is CITYGML_2 else "core:lod2MultiSurface"
             made.append(
                 f'<{self.version.boundary}><{kind} gml:id="{name}-surface">'

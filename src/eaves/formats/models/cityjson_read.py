@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from operator import index
 from pathlib import Path
@@ -108,13 +108,9 @@ class CityObject:
         return tuple(self._as_solid(shells[0], origin) for shells in geometry.solids if shells)
 
     def _as_solid(self, faces: tuple[Face, ...], origin: tuple[float, float]) -> Solid:
-        used = sorted({number for face in faces for ring in face.rings for number in ring})
-        place = {number: position for position, number in enumerate(used)}
-        renumbered = tuple(
-            Face(tuple(tuple(place[n] for n in ring) for ring in face.rings), face.surface, face.plane)
-            for face in faces
-        )
-        return Solid(self.vertices[used] - [*origin, 0.0], renumbered)
+        solid = Solid.of(self.vertices, faces)
+        used, corners = np.unique(solid.corners, return_inverse=True)
+        return replace(solid, vertices=self.vertices[used] - [*origin, 0.0], corners=corners)
 
 
 def read_cityjson(path: str | Path, crs: str | None = None) -> dict[str, CityObject]:

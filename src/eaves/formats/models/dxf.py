@@ -14,6 +14,7 @@ import numpy as np
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
+from eaves.geometry.face_table import FaceTable
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -83,14 +84,8 @@ def write_dxf(
                 continue
             footprint = model.footprint
             shift = np.array([*footprint.origin, 0.0])
-            rings = [
-                solid.vertices[list(ring)]
-                for solid in model.solids[model.lod]
-                for face in solid.faces
-                if face.surface == ROOF_SURFACE
-                for ring in face.rings
-            ]
-            corners, edges = turning_corners(rings)
+            roofs = FaceTable.of_solids(model.solids[model.lod], ROOF_SURFACE)
+            corners, edges = turning_corners(np.split(roofs.corners, roofs.ring_start[1:]))
             placed = (corners + shift) / unit
             for one, two in edges.tolist():
                 file.write(line_of(ROOF_LAYER, placed[one], placed[two]))

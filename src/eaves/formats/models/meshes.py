@@ -61,16 +61,16 @@ def mesh_of_solids(solids: Iterable[Solid]) -> BuildingMesh:
     """One mesh of several solids by their own vertices, so that closed solids give a closed mesh; faces
     without area have no triangles."""
     solids = tuple(solids)
-    table, faces = FaceTable.of_solids(solids), [face for solid in solids for face in solid.faces]
+    table = FaceTable.of_solids(solids)
     counts = np.array([len(solid.vertices) for solid in solids], np.int64)
-    first = np.repeat(np.cumsum(counts) - counts, [len(solid.faces) for solid in solids])
-    vertex = first[table.face_of_corner]
-    vertex += np.array([vertex for face in faces for ring in face.rings for vertex in ring], np.int64)
+    first = np.repeat(np.cumsum(counts) - counts, [len(solid.corners) for solid in solids])
+    vertex = first + np.concatenate([np.zeros(0, np.int64), *(solid.corners for solid in solids)])
+    surfaces = [surface for solid in solids for surface in solid.surfaces.tolist()]
     corner, face_of_triangle = table.triangles()
     return BuildingMesh(
         vertices=np.concatenate([np.zeros((0, 3)), *(solid.vertices for solid in solids)]),
         triangles=vertex[corner],
         face=face_of_triangle,
-        surface=np.array([SURFACES.index(face.surface) for face in faces], np.int64),
+        surface=np.array(list(map(SURFACES.index, surfaces)), np.int64),
         normal=table.normals,
     )

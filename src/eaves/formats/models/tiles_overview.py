@@ -51,7 +51,7 @@ def standing_prisms(corners: Points, base: float, top: float) -> Solid:
     roof = Face((tuple(range(count, 2 * count)),), ROOF_SURFACE)
     following = [*range(1, count), 0]
     walls = [Face(((k, after, after + count, k + count),), WALL_SURFACE) for k, after in enumerate(following)]
-    return Solid(vertices, (roof, *walls))
+    return Solid.of(vertices, (roof, *walls))
 
 
 def largest(prisms: Iterable[Prism], count: int) -> list[Prism]:

@@ -9,13 +9,14 @@ from shapely import Polygon
 
 from eaves.figures.attributes import FEWEST_POINTS, Surface, surface_heights
 from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.planes import LINE_RATIO, add_point_kernel, plane_of_sums_kernel
-from eaves.geometry.rings import polygons_of
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.kernels import kernel
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Mask, Points, RoofPlane, Values
+from eaves.model.building import NO_PLANE
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.solids.extrude import LOWEST_ROOF
 
@@ -194,14 +195,8 @@ def faces_as_planes(
     solids = model.solids["2.2"]
     height, cosine, number = surface or surface_heights(solids, points[top, :2])
     error = (points[top, 2] - height) * cosine
-    shapes = polygons_of(
-        [
-            [solid.vertices[list(ring), :2] for ring in face.rings]
-            for solid in solids
-            for face in solid.faces
-            if face.plane is not None
-        ]
-    )
+    numbered = np.concatenate([solid.planes for solid in solids]) != NO_PLANE
+    shapes = FaceTable.of_solids(solids).take(numbered).polygons()
     roof_planes = []
     for face, (row, shape) in enumerate(zip(coefficients.tolist(), shapes, strict=True)):
         on_face = number == face

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 import shapely
@@ -15,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.figures.attributes import LEAST_SHOWN, NEAR_M, Surface, surface_heights
 from eaves.geometry.components import connected_groups_kernel, members
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
@@ -43,16 +43,10 @@ def stand_bodies(
     polygons, planes = (
         np.concatenate([getattr(roof, name) for roof in roofs]) for name in ("polygons", "planes")
     )
-    corners = [
-        solid.vertices[list(chain.from_iterable(face.rings))]
-        for solid in solids
-        for face in solid.faces
-        if face.surface == ROOF_SURFACE
-    ]
-    pairs = zip(corners, planes, strict=True)
-    off = np.array(
-        [np.abs(footing[:, :2] @ plane[:2] + plane[2] - footing[:, 2]).max() for footing, plane in pairs]
-    )
+    table = FaceTable.of_solids(solids, ROOF_SURFACE)
+    x, y, z = table.corners.T
+    a, b, c = planes[table.face_of_corner].T
+    off = np.maximum.reduceat(np.abs(x * a + y * b + c - z), table.ring_start[table.outer])
     bodies: list[Solid | None] = []
     occupied: BaseGeometry = Polygon()
     for outline, top in zip(outlines, tops, strict=True):

@@ -125,7 +125,7 @@ class ExactBuilding:
 
 
 def _moved_solid(solid: Solid | None, x: float, y: float) -> Solid | None:
-    return None if solid is None else Solid(solid.vertices + np.array([x, y, 0.0]), solid.faces)
+    return None if solid is None else replace(solid, vertices=solid.vertices + np.array([x, y, 0.0]))
 
 
 def _moved_plane(plane: Plane, x: float, y: float) -> Plane:

@@ -75,7 +75,7 @@ def extrude_partition(faces: Sequence[tuple[Polygon, Plane]], base: float) -> So
             result.append(Face((tuple(ring),), WALL_SURFACE))
     result.append(Face(_ground_rings(outside, base, vertex), GROUND_SURFACE))
     vertices = np.array([(n[0] * COORDINATE_STEP, n[1] * COORDINATE_STEP, z) for n, z in numbers])
-    solid = Solid(vertices, tuple(result))
+    solid = Solid.of(vertices, result)
     _refuse_unless_closed(solid)
     return solid
 
