@@ -204,6 +204,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         near = np.arange(len(cloud))
         if core is not None:
             near = np.flatnonzero(core.buffered(self.rim_apart).contains(cloud.xyz))
+        if len(near) == 0:
+            return np.zeros(len(cloud), bool), None
         looks = self.looks if spacing > self.cell_least and self.seed_cell is None else 1
         votes = np.zeros(len(near), np.int64)
         for k in range(looks):
