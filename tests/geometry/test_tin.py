@@ -26,6 +26,16 @@ def test_points_inserted_later_give_the_same_triangles() -> None:
     assert faces(tin.triangles) == faces(Tin(xy).triangles)
 
 
+def test_where_a_search_begins_does_not_matter() -> None:
+    xy = np.round(np.random.default_rng(5).uniform(0, 50, (600, 2)), 3)
+    tin = Tin(xy, np.arange(0, 600, 7))
+    for start in range(1, 7):
+        numbers = np.arange(start, 600, 7)
+        away = np.random.default_rng(start).integers(0, len(tin.vertices), len(numbers), np.int32)
+        tin.insert(numbers, away)
+    assert faces(tin.triangles) == faces(Delaunay(xy).simplices)
+
+
 @pytest.mark.parametrize("step", [1.0, 0.1, 1e4])
 def test_a_grid_has_all_its_area_and_no_turned_triangle(step: float) -> None:
     xy = np.stack(np.meshgrid(np.arange(25.0), np.arange(25.0)), axis=-1).reshape(-1, 2) * step

@@ -76,6 +76,29 @@ def test_low_outliers_do_not_draw_the_ground_down() -> None:
     assert evaluate_ground(ground[kept], truth[kept]).total_error < 0.02
 
 
+@pytest.mark.parametrize("density", [0.3, 4.0])
+def test_only_the_core_is_answered_and_as_ever(density: float) -> None:
+    cloud, _ = scene(density, slope=0.1)
+    core = Bounds(31.0, 22.0, 69.0, 75.0)
+    inside = core.contains(cloud.xyz)
+    everything, part = classify_ground(cloud), classify_ground(cloud, core=core)
+    assert everything.classification is not None and everything.part is not None
+    assert part.classification is not None and part.part is not None
+    assert (part.classification == everything.classification)[inside].all()
+    assert (part.part == everything.part)[inside].all()
+    assert not part.ground[~core.buffered(10.0).contains(cloud.xyz)].any()
+
+
+@pytest.mark.parametrize("left", [0, 1, 2])
+def test_a_core_may_be_empty_or_nearly(left: int) -> None:
+    cloud, _ = scene(4.0)
+    core = Bounds(40.0, 40.0, 60.0, 60.0)
+    close = np.flatnonzero(core.buffered(10.0).contains(cloud.xyz))
+    kept = np.setdiff1d(np.arange(len(cloud)), close[left:])
+    found = classify_ground(cloud.take(kept), core=core)
+    assert found.ground.sum() <= left
+
+
 def test_seed_cells_are_axelssons_start() -> None:
     cloud, truth = scene(4.0)
     plain = AdaptiveTin(seed_cell=40.0, distance_share=2.8, angle=14.0, rounds=1000)

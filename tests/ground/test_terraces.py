@@ -35,3 +35,17 @@ def test_a_low_roof_steps_down_however_few_of_its_cells_hold_a_point(share: floa
     objects[PIECE] = True
     terrain = find_terraces(surface(occupied, spur), objects, occupied, RULES)
     assert (terrain == (objects & spur))[occupied].all()
+
+
+@pytest.mark.parametrize(("side", "level_sides", "terrain"), [(6, 1, False), (6, 2, True), (40, 1, True)])
+def test_of_a_small_piece_more_of_the_rim_must_be_level(side: int, level_sides: int, terrain: bool) -> None:
+    """A square of 36 m² needs half of its rim, one of 1,600 m² less than a quarter."""
+    z = np.zeros((60, 60), np.float32)
+    objects = np.zeros((60, 60), bool)
+    objects[10 : 10 + side, 10 : 10 + side] = True
+    z[objects] = 3.0
+    z[10 : 10 + side, :10] = 3.0
+    if level_sides == 2:
+        z[:10, 10 : 10 + side] = 3.0
+    found = find_terraces(Raster(z, 0.0, 0.0, 1.0), objects, np.ones((60, 60), bool), RULES)
+    assert (found == (objects & terrain)).all()

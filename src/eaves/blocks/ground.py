@@ -58,8 +58,8 @@ def see_ground(
 def classify_block(seen: GroundView, parameters: Any) -> dict[str, NDArray[Any]]:
     """Classes and, where the filter finds them, parts of a block's points, in the order of its files."""
     clock = Clock()
-    inside = np.flatnonzero(Bounds(0.0, 0.0, seen.block.side, seen.block.side).contains(seen.cloud.xyz))
-    results = classify_inside(seen.cloud, inside, seen.large, parameters)
+    core = Bounds(0.0, 0.0, seen.block.side, seen.block.side)
+    results = classify_inside(seen.cloud, core, seen.large, parameters)
     arrays: dict[str, NDArray[Any]] = {}
     for name, values in zip(("class", "part"), results, strict=True):
         if values is not None:
@@ -70,14 +70,15 @@ def classify_block(seen: GroundView, parameters: Any) -> dict[str, NDArray[Any]]
 
 
 def classify_inside(
-    cloud: PointCloud, inside: NDArray[np.int64], wide: WideObjects | None, recipe: Recipe
+    cloud: PointCloud, core: Bounds, wide: WideObjects | None, recipe: Recipe
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """The classes of the points `inside` (K,) a block, and the parts the filter found on the way."""
+    """The classes of the points (K,) inside a block, and the parts the filter found on the way."""
+    inside = np.flatnonzero(core.contains(cloud.xyz))
     if recipe.use_classes:
         cloud = with_ground_classes(cloud, recipe.ground_classes)
     if len(inside) == 0:
         return np.zeros(0, np.uint8), None
-    classified = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
+    classified = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide, core=core)
     assert classified.classification is not None
     return classified.classification[inside], None if classified.part is None else classified.part[inside]
 

@@ -53,7 +53,6 @@ class Tin:
         self._neighbours = np.empty((capacity, 3), np.int32)
         self._count = 0
         self.waiting = np.zeros(0, np.int64)
-        self._start = np.zeros(len(xy) + 1, np.int32)
         self.insert(np.arange(len(xy)) if first is None else first)
 
     @property
@@ -73,14 +72,19 @@ class Tin:
         real: Ids = self.vertices[(a >= 0) & (b >= 0) & (c >= 0)]
         return real
 
-    def insert(self, numbers: NDArray[np.int64]) -> None:
-        """Add points by their numbers; one that lies exactly on a vertex is passed over."""
+    def insert(self, numbers: NDArray[np.int64], hint: Ids | None = None) -> None:
+        """Add points by their numbers; one that lies exactly on a vertex is passed over.
+
+        `hint` (K,) are triangles near to where the points lie: from there a search begins.
+        """
+        near = np.zeros(0, np.int32) if hint is None or len(self.waiting) else hint
         numbers = np.concatenate([self.waiting, np.asarray(numbers, np.int64)])
         if len(numbers) == 0:
             return
         # sorting position and place in one number is stable, and ten times as fast as a stable argsort
         place = hilbert_kernel(self.whole.take(numbers, axis=0)) << PLACE_BITS | np.arange(len(numbers))
-        numbers = numbers.take(np.sort(place) & ((1 << PLACE_BITS) - 1))
+        order = np.sort(place) & ((1 << PLACE_BITS) - 1)
+        numbers, near = numbers.take(order), near.take(order) if len(near) else near
         if self._count == 0:
             first = first_triangle_kernel(self.whole, numbers)
             if first[2] < 0:
@@ -91,9 +95,7 @@ class Tin:
             self._neighbours[:4] = [(2, 3, 1), (3, 2, 0), (1, 3, 0), (2, 1, 0)]
             self._count = 4
             self.waiting = np.zeros(0, np.int64)
-        self._count = insert_kernel(
-            self.whole, numbers, self._vertices, self._neighbours, self._count, self._start
-        )
+        self._count = insert_kernel(self.whole, numbers, near, self._vertices, self._neighbours, self._count)
 
     def locate(self, xy: Points, hint: Ids | None = None) -> Ids:
         """The triangle (N,) that holds each point; a hull triangle for points outside, -1 without triangles.
@@ -298,68 +300,62 @@ def conflicts(steps: NDArray[np.int64], vertices: Ids, triangle: int, p: int) ->
 def insert_kernel(
     steps: NDArray[np.int64],
     numbers: NDArray[np.int64],
+    near: Ids,
     vertices: Ids,
     neighbours: Ids,
     count: int,
-    start: Ids,
 ) -> int:
     """Insert points one by one (Bowyer 1981, Watson 1981), in place; the new number of triangles.
 
-    `start` (N + 1,) is scratch: the new triangle whose rim edge starts at a vertex (the last for the one
-    at infinity).
+    A search begins in the triangle `near` (K,), or where there are none in the last one made. The triangles
+    that a point destroys form a tree about it: gone through edge by edge, counter-clockwise, it gives the rim
+    in order.
     """
-    infinity = len(start) - 1
-    state = np.zeros(len(vertices), np.int8)  # 1 in the cavity, 0 not
     # room for a cavity of all triangles, hardly ever touched: arrays that grew here would slow each access
     cavity = np.empty(len(vertices), np.int32)
     rim_from, rim_to = np.empty_like(cavity), np.empty_like(cavity)
     rim_outer, rim_side = np.empty_like(cavity), np.empty_like(cavity)
+    ahead, edge = np.empty_like(cavity), np.empty_like(cavity)
     here = 0
-    for p in numbers:
-        here = walk(steps, vertices, neighbours, here, steps[p, 0], steps[p, 1])
+    for i in range(len(numbers)):
+        p = numbers[i]
+        start = near[i] if len(near) else here
+        here = walk(steps, vertices, neighbours, start, steps[p, 0], steps[p, 1])
         duplicate = False
         for k in range(3):
             v = vertices[here, k]
             if v != OUTSIDE and steps[v, 0] == steps[p, 0] and steps[v, 1] == steps[p, 1]:
                 duplicate = True
+            ahead[k], edge[k] = here, 2 - k
         if duplicate:
             continue
-        cavity[0], size, rim, cursor = here, 1, 0, 0
-        state[here] = 1
-        while cursor < size:
-            inside = cavity[cursor]
-            cursor += 1
-            for k in range(3):
-                neighbour = neighbours[inside, k]
-                if state[neighbour] == 1:
-                    continue
-                if conflicts(steps, vertices, neighbour, p):
-                    state[neighbour] = 1
-                    cavity[size] = neighbour
-                    size += 1
-                    continue
-                rim_from[rim] = vertices[inside, (k + 1) % 3]
-                rim_to[rim] = vertices[inside, (k + 2) % 3]
-                rim_outer[rim] = neighbour
-                for j in range(3):
-                    if neighbours[neighbour, j] == inside:
-                        rim_side[rim] = j
+        cavity[0], size, rim, left = here, 1, 0, 3
+        while left > 0:
+            left -= 1
+            inside = ahead[left]
+            outer = neighbours[inside, edge[left]]
+            side = 0 if neighbours[outer, 0] == inside else (1 if neighbours[outer, 1] == inside else 2)
+            after = side + 1 if side < 2 else 0
+            before = after + 1 if after < 2 else 0
+            if conflicts(steps, vertices, outer, p):
+                cavity[size] = outer
+                size += 1
+                ahead[left], edge[left] = outer, before
+                ahead[left + 1], edge[left + 1] = outer, after
+                left += 2
+            else:
+                rim_from[rim], rim_to[rim] = vertices[outer, before], vertices[outer, after]
+                rim_outer[rim], rim_side[rim] = outer, side
                 rim += 1
-        for i in range(rim):
-            slot = cavity[i] if i < size else count + i - size
-            rim_from_vertex = rim_from[i]
-            start[infinity if rim_from_vertex == OUTSIDE else rim_from_vertex] = slot
-        for i in range(rim):
-            slot = cavity[i] if i < size else count + i - size
-            vertices[slot, 0], vertices[slot, 1], vertices[slot, 2] = rim_from[i], rim_to[i], p
-            neighbours[slot, 2] = rim_outer[i]
-            neighbours[rim_outer[i], rim_side[i]] = slot
-            following = start[infinity if rim_to[i] == OUTSIDE else rim_to[i]]
-            neighbours[slot, 0] = following
-            neighbours[following, 1] = slot
-            state[slot] = 0
-        count += rim - size
-        here = cavity[0]
+        # of a tree of triangles the rim has two edges more, and closes
+        cavity[size], cavity[size + 1], cavity[rim], last = count, count + 1, here, count + 1
+        for k in range(rim):
+            slot = cavity[k]
+            vertices[slot, 0], vertices[slot, 1], vertices[slot, 2] = rim_from[k], rim_to[k], p
+            neighbours[slot, 0], neighbours[slot, 1], neighbours[slot, 2] = cavity[k + 1], last, rim_outer[k]
+            neighbours[rim_outer[k], rim_side[k]] = slot
+            last = slot
+        count += 2
     return count
 
 

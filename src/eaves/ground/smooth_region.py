@@ -22,7 +22,7 @@ from eaves.geometry.smooth_surfaces import (
 from eaves.geometry.tin import Tin
 from eaves.ground.stage import GroundMethod
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Mask, PointCloud, Points, Values
+from eaves.model import Bounds, Mask, PointCloud, Points, Values
 from eaves.model.scene import NOISE, TREE, WALL
 
 
@@ -126,7 +126,7 @@ class SmoothRegion(GroundMethod):
         return self.separate(cloud, np.zeros(len(cloud), bool), emit)[0]
 
     def separate(
-        self, cloud: PointCloud, over: Mask, emit: Emit = ignore
+        self, cloud: PointCloud, over: Mask, emit: Emit = ignore, core: Bounds | None = None
     ) -> tuple[Mask, NDArray[np.uint8] | None]:
         ground = np.zeros(len(cloud), bool)
         if len(cloud) <= self.neighbours:

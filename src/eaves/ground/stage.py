@@ -22,7 +22,7 @@ from eaves.methods import (
     naming,
     resolve_method,
 )
-from eaves.model import Mask, PointCloud, Points
+from eaves.model import Bounds, Mask, PointCloud, Points
 from eaves.model.checks import check_type, is_array
 from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
 
@@ -47,10 +47,11 @@ class GroundMethod(Method):
         raise NotImplementedError
 
     def separate(
-        self, cloud: PointCloud, over: Mask, emit: Emit = ignore
+        self, cloud: PointCloud, over: Mask, emit: Emit = ignore, core: Bounds | None = None
     ) -> tuple[Mask, NDArray[np.uint8] | None]:
         """The mask (N,), and the walls, trees and small regions (N,) found on the way, by a filter that does;
-        or the points it is not sure of. Some points (N,) are known to stand `over` the terrain.
+        or the points it is not sure of. Some points (N,) are known to stand `over` the terrain, and only
+        those within `core` need an answer.
 
         What is found once is handed on with the cloud (`PointCloud.part`), so that the detector of the same
         paper need not find it again.
@@ -83,6 +84,7 @@ def classify_ground(
     *,
     use_classes: bool = False,
     wide: WideObjects | None = None,
+    core: Bounds | None = None,
     debug: str | Path | Emit | None = None,
 ) -> PointCloud:
     """The cloud with classes 2 (ground), 7 and 18 (low and high noise) and 1 (the rest).
@@ -99,6 +101,8 @@ def classify_ground(
     wide : WideObjects or None
         What stands over the terrain, where more than the cloud was seen to find it; by default it is looked
         for in the cloud.
+    core : Bounds or None
+        Local metres in which points are wanted; the others are there to judge them, and their class may be 1.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -153,7 +157,7 @@ def classify_ground(
         wide = None if patch is None else WideObjects((patch,))
     over = np.zeros(len(taken), bool) if wide is None else wide.over(taken)
     with naming(filter_):
-        mask, found = filter_.separate(taken, over, emitter(debug))
+        mask, found = filter_.separate(taken, over, emitter(debug), core)
     held = is_array(mask, len(taken), "b")
     check_returned(filter_, held, f"an array ({len(taken)},) of bool", mask)
     classes[place[mask]] = GROUND

@@ -52,26 +52,45 @@ class Tolerances(NamedTuple):
     side: float
 
 
-def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits, rounds: int) -> int:
-    """Insert into the TIN the candidates (K,) that fit, round by round until none does; the rounds used.
+class Waiting(NamedTuple):
+    """Points (K,) that are no vertices yet, by their numbers among those of the TIN.
+
+    `hint` (K,) is the triangle each was last seen in, -1 before that, and `judged` (K, 3) the vertices which
+    that had: what a triangle said of a point it does not say again.
+    """
+
+    numbers: NDArray[np.int64]
+    hint: Ids
+    judged: Ids
+
+    @classmethod
+    def of(cls, numbers: NDArray[np.int64]) -> Waiting:
+        """Points that were never looked at."""
+        return cls(
+            numbers, np.full(len(numbers), -1, np.int32), np.full((len(numbers), 3), OUTSIDE, np.int32)
+        )
+
+    def without(self, gone: Mask) -> Waiting:
+        """Those that are left."""
+        left = np.flatnonzero(~gone)
+        return Waiting(self.numbers.take(left), self.hint.take(left), self.judged.take(left, axis=0))
+
+
+def densify(tin: Tin, xyz: Points, waiting: Waiting, limits: Limits, rounds: int) -> int:
+    """Insert into the TIN the candidates that fit, round by round until none does; the rounds used.
 
     A round judges all candidates on the same surface, so their order is of no matter.
     """
-    waiting = candidates.copy()
-    hint = np.full(len(waiting), -1, np.int32)
-    judged = np.full((len(waiting), 3), OUTSIDE, np.int32)
     for number in range(rounds):
-        if len(waiting) == 0 or len(tin.vertices) == 0:
+        if len(waiting.numbers) == 0 or len(tin.vertices) == 0:
             return number
         fits, new = fits_kernel(
             xyz,
-            waiting,
+            *waiting,
             tin.whole,
             tin.corner,
             tin.vertices,
             tin.neighbours,
-            hint,
-            judged,
             limits.distance,
             limits.angle,
             limits.steep,
@@ -81,56 +100,42 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
         )
         if not fits.any():
             return number
-        tin.insert(waiting[new])
-        left = np.flatnonzero(~fits)
-        waiting, hint, judged = waiting.take(left), hint.take(left), judged.take(left, axis=0)
+        tin.insert(waiting.numbers[new], waiting.hint[new])
+        waiting = waiting.without(fits)
     return rounds
 
 
 def insert_residuals(
-    tin: Tin,
-    xyz: Points,
-    numbers: NDArray[np.int64],
-    residual: Values,
-    noise: float,
-    steepest: float,
+    tin: Tin, xyz: Points, waiting: Waiting, residual: Values, noise: float, steepest: float
 ) -> None:
     """Insert the points (K,) that are farther than `noise` (m) from the TIN, until none is.
 
     `residual` (K,) holds their distances from it now. The others would tell it nothing new.
     """
-    hint = np.full(len(numbers), -1, np.int32)
-    judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
     while (far := residual > noise).any():
-        tin.insert(numbers[far])
-        left = np.flatnonzero(~far)
-        numbers, residual = numbers.take(left), residual.take(left)
-        hint, judged = hint.take(left), judged.take(left, axis=0)
-        residual_kernel(
-            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, steepest
-        )
+        tin.insert(waiting.numbers[far], waiting.hint[far])
+        waiting, residual = waiting.without(far), residual[~far]
+        update_residuals(tin, xyz, waiting, residual, steepest)
 
 
-def residuals(tin: Tin, xyz: Points, numbers: NDArray[np.int64], steepest: float) -> Values:
-    """Distances (K,) of the points with these numbers from the facets of the TIN, m; 0 without facets."""
-    residual = np.zeros(len(numbers))
+def update_residuals(tin: Tin, xyz: Points, waiting: Waiting, residual: Values, steepest: float) -> None:
+    """Set the distances (K,), m, of points from the facets of the TIN where those are others than before."""
     if len(tin.vertices):
-        hint = np.full(len(numbers), -1, np.int32)
-        judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
-        residual_kernel(
-            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, steepest
-        )
-    return residual
+        residual_kernel(xyz, *waiting, tin.whole, tin.vertices, tin.neighbours, residual, steepest)
 
 
-def near_surface(tin: Tin, xyz: Points, level: Tolerances, slant: float, steepest: float) -> Mask:
-    """The points (N,) no farther along z from the TIN of some of them than the tolerance there, plus `slant`
-    (m) per unit of the facet's slope, which counts up to `steepest`.
+def near_surface(
+    tin: Tin, xyz: Points, points: Points, level: Tolerances, slant: float, steepest: float
+) -> Mask:
+    """The points (M, 3) no farther along z from the TIN of some of others (N, 3) than the tolerance there,
+    plus `slant` (m) per unit of the facet's slope, which counts up to `steepest`.
     """
     if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
-        nearest = cKDTree(xyz[tin.waiting, :2]).query(xyz[:, :2])[1]
-        return np.asarray(np.abs(xyz[:, 2] - xyz[tin.waiting[nearest], 2]) <= level.usual)
-    return np.asarray(near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, steepest))
+        nearest = cKDTree(xyz[tin.waiting, :2]).query(points[:, :2])[1]
+        return np.asarray(np.abs(points[:, 2] - xyz[tin.waiting[nearest], 2]) <= level.usual)
+    return np.asarray(
+        near_kernel(points, xyz, tin.whole, tin.corner, tin.vertices, tin.neighbours, level, slant, steepest)
+    )
 
 
 @inlined_kernel
@@ -183,12 +188,12 @@ def facet_at(
 def fits_kernel(
     xyz: Points,
     numbers: NDArray[np.int64],
+    hint: Ids,
+    judged: Ids,
     whole: NDArray[np.int64],
     corner: NDArray[np.float64],
     vertices: Ids,
     neighbours: Ids,
-    hint: Ids,
-    judged: Ids,
     distance: float,
     angle: float,
     steep: float,
@@ -198,8 +203,7 @@ def fits_kernel(
 ) -> tuple[Mask, Mask]:
     """Masks (K,) of the candidates that fit the TIN, and of those that change it.
 
-    `hint` (K,) receives the triangle of each and `judged` (K, 3) its vertices: who did not fit a triangle
-    does not fit it later.
+    `hint` and `judged` are those of `Waiting`.
     """
     fits, new = np.zeros(len(numbers), np.bool_), np.zeros(len(numbers), np.bool_)
     last = 0
@@ -253,17 +257,16 @@ def fits_kernel(
 def residual_kernel(
     xyz: Points,
     numbers: NDArray[np.int64],
+    hint: Ids,
+    judged: Ids,
     whole: NDArray[np.int64],
     vertices: Ids,
     neighbours: Ids,
-    hint: Ids,
-    judged: Ids,
     residual: Values,
     steepest: float,
 ) -> None:
-    """Distance of each of the points (K,) from its facet, into `residual`.
-
-    Those whose facet has not changed, which `hint` and `judged` tell as in `fits_kernel`, keep theirs.
+    """Distance of each of the points (K,) from its facet, into `residual`; `hint` and `judged` are those of
+    `Waiting`.
     """
     last = 0
     for i in range(len(numbers)):
@@ -295,29 +298,42 @@ def tolerance_at(level: Tolerances, x: float, y: float) -> Any:
 
 @kernel
 def near_kernel(
+    points: Points,
     xyz: Points,
     whole: NDArray[np.int64],
+    corner: NDArray[np.float64],
     vertices: Ids,
     neighbours: Ids,
     level: Tolerances,
     slant: float,
     steepest: float,
 ) -> Mask:
-    """Mask (N,) of the points within the tolerance + `slant` · slope of the facet at each, along z."""
-    near = np.empty(len(xyz), np.bool_)
+    """Mask (M,) of the points (M, 3) within the tolerance + `slant` · slope of the facet at each, along z."""
+    near = np.empty(len(points), np.bool_)
     here, held = 0, -1
     east, north, slope = 0.0, 0.0, 0.0
-    for i in range(len(xyz)):
-        here = walk(whole, vertices, neighbours, here, whole[i, 0], whole[i, 1])
+    # a little more than the least and the most that a mean of tolerances can be: it decides only between
+    least, most = level.usual, level.usual
+    for row in range(level.level.shape[0]):
+        for column in range(level.level.shape[1]):
+            if level.weight[row, column] > 0.0:
+                least, most = min(least, level.level[row, column]), max(most, level.level[row, column])
+    least, most = least * (1.0 - 1e-9), most * (1.0 + 1e-9)
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        right, up = int(np.rint((x - corner[0]) / GRID_STEP)), int(np.rint((y - corner[1]) / GRID_STEP))
+        here = walk(whole, vertices, neighbours, here, right, up)
         a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
-            height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1], steepest)
+            height, slope, _ = facet_at(xyz, vertices, neighbours, here, x, y, steepest)
             held = -1
         else:
             if here != held:  # points come in order, so a plane often serves the next one too
                 east, north, slope = plane_of(xyz, vertices, here)
                 held = here
-            height = xyz[a, 2] + east * (xyz[i, 0] - xyz[a, 0]) + north * (xyz[i, 1] - xyz[a, 1])
-        most = tolerance_at(level, xyz[i, 0], xyz[i, 1]) + slant * min(slope, steepest)
-        near[i] = abs(xyz[i, 2] - height) <= most
+            height = xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1])
+        off, more = abs(z - height), slant * min(slope, steepest)
+        near[i] = off <= least + more
+        if not near[i] and off <= most + more:
+            near[i] = off <= tolerance_at(level, x, y) + more
     return near

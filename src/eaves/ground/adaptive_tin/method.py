@@ -13,10 +13,11 @@ from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import (
     Limits,
     Tolerances,
+    Waiting,
     densify,
     insert_residuals,
     near_surface,
-    residuals,
+    update_residuals,
 )
 from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
@@ -28,7 +29,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points, Values
 from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
-from eaves.raster.grid import empty_raster, whole_cells
+from eaves.raster.grid import EMPTY, empty_raster, whole_cells
 
 
 class AdaptiveTin(Rim, Opening, GroundMethod):
@@ -77,10 +78,10 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
       twice, so that a roof between roofs is found.
-    - A piece over `wide_area` that the opening took, and that meets the ground without a step on more than
-      `level_share` of its rim, is terrain again. Roofs step down on all sides, spurs and high fields do not:
-      this tells a hall from a terrace, whatever their size. A wide piece that is nearly nowhere a `wall` over
-      the ground is terrain too: a terrace the rim of the data cuts.
+    - A piece that the opening took, and that meets the ground without a step on more than a share of its rim,
+      is terrain again. Roofs step down on all sides, spurs and high fields do not. The share is `level_share`
+      at `wide_area`, and goes with the fourth root of the area: a short rim says less. A wide piece that is
+      nearly nowhere a `wall` over the ground is terrain too: a terrace the rim of the data cuts.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - Where the spacing is more than `cell_least` a cell holds one point, and where the borders of the cells
       fall decides what is an object. So the ground is found in `looks` sets of cells, shifted against each
@@ -90,7 +91,9 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
 
-    The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m.
+    The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m. The TIN
+    of a block of a run ends `rim_apart` beyond it, as at the edge of data, which changes one point in ten
+    thousand.
     The roughness is measured in squares of 40 m, the spacing over the whole cloud that is given, which in a
     run is a square of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for
     within `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m
@@ -193,61 +196,75 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         return self.separate(cloud, np.zeros(len(cloud), bool), emit)[0]
 
     def separate(
-        self, cloud: PointCloud, over: Mask, emit: Emit = ignore
+        self, cloud: PointCloud, over: Mask, emit: Emit = ignore, core: Bounds | None = None
     ) -> tuple[Mask, NDArray[np.uint8] | None]:
         if len(cloud) < 3:
             return np.ones(len(cloud), bool), None
         spacing = measure_spacing(cloud.xyz)
+        near = np.arange(len(cloud))
+        if core is not None:
+            near = np.flatnonzero(core.buffered(self.rim_apart).contains(cloud.xyz))
+        if len(near) == 0:
+            return np.zeros(len(cloud), bool), None
         looks = self.looks if spacing > self.cell_least and self.seed_cell is None else 1
-        votes = np.zeros(len(cloud), np.int64)
+        votes = np.zeros(len(near), np.int64)
         for k in range(looks):
             shift = spacing * np.array([k / looks, (2 * k % looks) / looks, 0.0])
-            moved = cloud.with_(xyz=snap(cloud.xyz + shift)) if k else cloud
-            votes += self.ground_mask_in_cells(moved, spacing, over, ignore if k else emit)
-        ground = np.asarray(2 * votes > looks)
-        unsure = (votes > 0) & (votes < looks)
+            xyz = snap(cloud.xyz + shift) if k else cloud.xyz
+            votes += self.ground_mask_in_cells(xyz, near, spacing, over, ignore if k else emit)
+        mask = 2 * votes > looks
+        doubtful = (votes > 0) & (votes < looks)
         if looks == 1:
-            unsure = edges_without_step(
-                cloud.xyz, ground, max(2 * self.fine_cell, spacing), self.tolerance_most
-            )
-        return ground, np.where(unsure, np.uint8(DOUBTFUL), np.uint8(0))
+            cell = max(2 * self.fine_cell, spacing)
+            doubtful = edges_without_step(cloud.xyz.take(near, axis=0), mask, cell, self.tolerance_most)
+        ground, unsure = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.uint8)
+        ground[near], unsure[near] = mask, np.where(doubtful, np.uint8(DOUBTFUL), np.uint8(0))
+        return ground, unsure
 
     def ground_mask_in_cells(
-        self, cloud: PointCloud, spacing: float, over: Mask, emit: Emit = ignore
+        self, xyz: Points, near: NDArray[np.int64], spacing: float, over: Mask, emit: Emit = ignore
     ) -> Mask:
-        """The mask (N,) that the cells give as they lie about the local origin."""
-        xyz = cloud.xyz
+        """The mask (K,) of points that the cells give as they lie about the local origin.
+
+        Objects are looked for among all points (N, 3); the TIN is made of those `near` (K,).
+        """
         cell = max(self.cell_least, spacing)
-        bounds = Bounds.of(xyz)
         if self.seed_cell is not None:
-            seeds = lowest_of_cells(xyz, self.seed_cell, bounds)
+            seeds = lowest_of_cells(xyz, self.seed_cell)
         else:
-            lowest = lowest_surface(xyz, bounds, cell, self, over)
-            seeds = seeds_by_opening(lowest, self)
-        low = xyz.take(seeds, axis=0)
-        emit("seeds", low)
+            seeds = seeds_by_opening(lowest_surface(xyz, Bounds.of(xyz), cell, self, over), self)
+        place = np.full(len(xyz), EMPTY)
+        place[near] = np.arange(len(near))
+        seeds, xyz, waiting = place[seeds], xyz.take(near, axis=0), ~over[near]
+        seeds = seeds[seeds != EMPTY]
+        emit("seeds", xyz.take(seeds, axis=0))
         if len(seeds) == 0:
-            return np.zeros(len(xyz), bool)
-        waiting = ~over
-        first = seeds[lowest_of_cells(low, 2 * cell)]
+            return np.zeros(len(near), bool)
+        bounds = Bounds.of(xyz)
+        candidates = lowest_of_cells(xyz, max(self.fine_cell, 0.5 * spacing), bounds)
+        first = seeds[lowest_of_cells(xyz.take(seeds, axis=0), 2 * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
+        waiting[rest] = False
+        candidates = candidates[waiting[candidates]]
+        used = np.zeros(len(xyz), bool)  # in the TIN: seeds and candidates, and nothing else of the points
+        used[seeds] = used[candidates] = True
+        place = np.cumsum(used) - 1
         around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self)
-        xyz = np.concatenate([xyz, around])
-        tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
-        residual = residuals(tin, xyz, rest, self.steepest)
+        low = np.concatenate([xyz.take(np.flatnonzero(used), axis=0), around])
+        tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(around), len(low))]))
+        others, residual = Waiting.of(place[rest]), np.zeros(len(rest))
+        update_residuals(tin, low, others, residual, self.steepest)
         level = self.tolerances(xyz, rest, residual, bounds)
         noise = self.noise_share * level.usual
-        insert_residuals(tin, xyz, rest, residual, noise, self.steepest)
-        waiting[rest] = False
-        candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
+        insert_residuals(tin, low, others, residual, noise, self.steepest)
         angle = np.radians(self.angle + self.angle_share * spacing)
         limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise, self.steepest)
-        densify(tin, xyz, candidates[waiting[candidates]], limits, self.rounds)
+        densify(tin, low, Waiting.of(place[candidates]), limits, self.rounds)
         if emit is not ignore:
-            emit("triangles", xyz[tin.triangles])
-        near = near_surface(tin, xyz, level, self.slant_share * spacing, self.steepest)
-        return np.asarray(near[: len(cloud)] & ~over)
+            emit("triangles", low[tin.triangles])
+        slant = self.slant_share * spacing
+        return near_surface(tin, low, xyz, level, slant, self.steepest) & ~over[near]
 
     def tolerances(
         self, xyz: Points, seeds: NDArray[np.int64], residual: Values, bounds: Bounds

@@ -36,7 +36,10 @@ def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:
         return np.zeros((0, 3))
     xy = rim_ring(bounds.buffered(rules.rim_apart / 2), rules.rim_apart)
     number = min(rules.rim_nearest, len(sure))
-    distance, nearest = map(np.asarray, cKDTree(sure[:, :2]).query(xy, k=np.arange(1, number + 1)))
+    distance, nearest = map(
+        np.asarray,
+        cKDTree(sure[:, :2], compact_nodes=False, balanced_tree=False).query(xy, k=np.arange(1, number + 1)),
+    )
     near = sure[nearest]
     middle = near.mean(axis=1)
     offset = near - middle[:, None]

@@ -14,7 +14,7 @@ from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
-from eaves.raster.interpolate import fill_between, fill_smooth
+from eaves.raster.interpolate import fill_linear, fill_smooth
 
 
 class Opening(TerraceRules):
@@ -54,28 +54,47 @@ def lowest_surface(xyz: Points, bounds: Bounds, cell: float, opening: Opening, o
     pass finds it; `over` (N,) are points that stand over the terrain.
 
     A lowest point lies anywhere in its cell, which on a slope is a height error of slope × cell. So the
-    heights are moved along the slope to the centre of the cell. The slope is measured over a quarter of the
-    widest window, so that no car makes one.
+    heights are moved along the slope to the centre of the cell.
     """
     bounds = whole_cells(bounds, cell)
     number = lowest_points(xyz, bounds, cell)
     occupied = number != EMPTY
     above = occupied & over[np.maximum(number, 0)]
-    raw = Raster(fill_smooth(heights_of(number, xyz[:, 2])), bounds.west, bounds.north, cell)
-    level = np.zeros(raw.shape, np.float32)
-    objects = stands_out(raw, opening, level)
-    terrain = fill_smooth(np.where(objects | above | ~occupied, np.nan, raw.values).astype(np.float32))
-    smooth = ndimage.gaussian_filter(terrain, opening.window / 4.0 / cell, truncate=2)
-    south, east = (level, level) if min(raw.shape) < 2 else np.asarray(np.gradient(smooth, cell))
+    heights = heights_of(number, xyz[:, 2])
+    bare = Raster(np.where(above, np.float32(np.nan), heights), bounds.west, bounds.north, cell)
+    south, east = slopes_of(bare, opening)
     rows, columns = np.nonzero(occupied)
-    at = xyz[number[occupied]]
-    moved = raw.values[occupied].astype(np.float64)
+    at = xyz.take(number[occupied], axis=0)
+    moved = heights[occupied].astype(np.float64)
     moved += east[occupied] * (bounds.west + (columns + 0.5) * cell - at[:, 0])
     moved -= south[occupied] * (bounds.north - (rows + 0.5) * cell - at[:, 1])
-    centred = np.full(raw.shape, np.nan, np.float32)
+    centred = np.full(bare.shape, np.nan, np.float32)
     centred[occupied] = moved
     slope = np.hypot(south, east).astype(np.float32)
-    return LowestPoints(number, fill_between(raw.with_(values=centred)), slope, above)
+    return LowestPoints(number, fill_linear(bare.with_(values=centred)), slope, above)
+
+
+def slopes_of(lowest: Raster, opening: Opening) -> tuple[Grid, Grid]:
+    """Rise of the terrain to the south and to the east in each cell (H, W), by a first opening of the lowest
+    heights of cells twice as wide.
+
+    It is measured over a quarter of the widest window, so that no car makes one.
+    """
+    rows, columns = lowest.shape
+    even = np.pad(lowest.values, ((0, rows % 2), (0, columns % 2)), constant_values=np.nan)
+    halves = np.fmin.reduce(even.reshape(even.shape[0] // 2, 2, -1, 2), axis=(1, 3))
+    wide = Raster(fill_smooth(halves), lowest.west, lowest.north, 2.0 * lowest.cell)
+    level = np.zeros(wide.shape, np.float32)
+    if min(wide.shape) < 2:
+        return np.zeros(lowest.shape, np.float32), np.zeros(lowest.shape, np.float32)
+    objects = stands_out(wide, opening, level)
+    terrain = fill_smooth(np.where(objects, np.float32(np.nan), halves))
+    smooth = ndimage.gaussian_filter(terrain, opening.window / 4.0 / wide.cell, truncate=2)
+    south, east = (
+        np.repeat(np.repeat(rise, 2, axis=0), 2, axis=1)[:rows, :columns]
+        for rise in np.gradient(smooth, wide.cell)
+    )
+    return south, east
 
 
 def seeds_by_opening(lowest: LowestPoints, opening: Opening) -> NDArray[np.int64]:
@@ -87,7 +106,7 @@ def seeds_by_opening(lowest: LowestPoints, opening: Opening) -> NDArray[np.int64
     surface, occupied = lowest.surface, lowest.number != EMPTY
     objects = stands_out(surface, opening, lowest.slope) | lowest.over
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
-    objects |= stands_out(fill_between(bare), opening, lowest.slope)
+    objects |= stands_out(fill_linear(bare), opening, lowest.slope)
     objects &= ~find_terraces(surface, objects, occupied, opening) | lowest.over
     return np.asarray(lowest.number[occupied & ~objects])
 

@@ -29,7 +29,11 @@ class TerraceRules(PlateauRules, Tolerance):
     """When an object cell is terrain."""
 
     level_share: float = parameter(
-        0.25, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
+        0.3,
+        "A piece of `wide_area` that meets the ground level on more of its rim is terrain; one of sixteen "
+        "times the area, on half as much.",
+        ge=0,
+        le=1,
     )
     terrace_steep: float = parameter(
         0.2,
@@ -47,8 +51,9 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
     interpolated between them makes a slope of a low wall. A roof meets the ground by steps on nearly all
     sides, also when it is flush with the ground uphill; a spur, a terrace, or a high field at the rim of the
     data does not. So a piece is terrain when more than `level_share` of its counted rim is level; so is a
-    broad one that nearly nowhere falls by a `wall`, such as a strip of a terrace cut by the rim of the data.
-    One under `wide_area` has a rim too short to judge.
+    wide and broad one that nearly nowhere falls by a `wall`, such as a strip of a terrace cut by the rim of
+    the data. The smaller a piece, the shorter its rim and the more of it must be level: the share goes with
+    the fourth root of `wide_area` over its area.
     """
     z = surface.values.astype(np.float64)
     residual = residual_kernel(z, rules.terrace_steep)
@@ -62,9 +67,9 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
     size = np.bincount(piece[held], minlength=count + 1) * surface.cell**2
     level, down, high = rim_kernel(objects, piece, count, residual, z, step, occupied, rules.wall)
     broad = np.bincount(piece[~near_cells(~objects, (2 * LOOK_CELLS) ** 2)], minlength=count + 1) > 0
-    terrain = level > rules.level_share * (level + down)
-    terrain |= broad & (high <= (1.0 - rules.wall_share) * (level + down))
-    terrain &= size >= rules.wide_area
+    share = rules.level_share * (rules.wide_area / np.maximum(size, surface.cell**2)) ** 0.25
+    terrain = level > share * (level + down)
+    terrain |= broad & (size >= rules.wide_area) & (high <= (1.0 - rules.wall_share) * (level + down))
     terrain[0] = False
     return np.asarray(terrain[piece])
 
