@@ -25,8 +25,8 @@ from eaves.buildings.building_file import Kept
 from eaves.flow import region as steps
 from eaves.flow.collisions import edits_and_work
 from eaves.flow.outputs import finished_models, write_outputs
-from eaves.flow.region import Region
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
+from eaves.flow.step import Region
 from eaves.flow.tiles import WHOLE, Area, areas, leave
 from eaves.formats.atomic import clear_leftovers, report_full_disk
 from eaves.model import Block, BuildingModel, CoordinateSystem, Failure

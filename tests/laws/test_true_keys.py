@@ -17,9 +17,9 @@ import eaves
 from eaves.buildings.building_file import as_found
 from eaves.change.edits import FLAT_ROOF, Edit
 from eaves.change.upkeep.corrected import correct, outlines_in
-from eaves.flow.region import Region, bring_points, open_region
+from eaves.flow.region import bring_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
-from eaves.flow.step import Input, Step, home_of
+from eaves.flow.step import Input, Region, Step, home_of
 from eaves.flow.steps import STEPS
 from eaves.model import Block
 from eaves.pipeline import build_run, end_run, find_buildings, hold_folder

@@ -23,7 +23,7 @@ from eaves.buildings.building_file import Kept
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit
 from eaves.change.upkeep.corrected import correct, outlines_in
 from eaves.change.upkeep.update import update
-from eaves.flow.region import Region
+from eaves.flow.step import Region
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, CoordinateSystem
 from eaves.model.summary import IncompleteRunError

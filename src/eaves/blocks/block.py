@@ -50,7 +50,7 @@ def block_pass(
     """
     clock = Clock()
     core = Bounds(0.0, 0.0, block.side, block.side)
-    seen = core.buffered(recipe.scene_buffer)
+    window = core.buffered(recipe.scene_buffer)
     scene, on_decks, wires = see_block(cloud, block, recipe, beneath, decks)
     cloud = scene.cloud
     clock.lap("rasters")
@@ -82,8 +82,8 @@ def block_pass(
         vegetation=vegetation[inside],
         height=scene.height[inside].astype(np.float32),
         score=np.round(regions.score, 3),
-        dtm=crop(scene.dtm, seen.buffered(-recipe.scene_buffer)),
-        dsm=crop(scene.dsm, seen.buffered(-recipe.scene_buffer)),
+        dtm=crop(scene.dtm, window.buffered(-recipe.scene_buffer)),
+        dsm=crop(scene.dsm, window.buffered(-recipe.scene_buffer)),
         spacing=scene.spacing,
         seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
@@ -91,7 +91,7 @@ def block_pass(
             *(doubt.translated(*block.origin) for doubt in regions.doubts if holds(core, doubt)),
             *doubts_within(cloud, block.bounds),
             *doubts,
-            *(doubt for one in decks for doubt in one.cropped(block.bounds).doubts),
+            *(doubt for deck in decks for doubt in deck.cropped(block.bounds).doubts),
         ),
         seconds=clock.laps,
         keeps_low=recipe.keeps_low,
@@ -121,14 +121,16 @@ def see_regions(
     parameters: Any,
 ) -> BlockView:
     """View of a block from which its rasters and regions are computed."""
-    seen = block.bounds.buffered(parameters.scene_buffer)
+    window = block.bounds.buffered(parameters.scene_buffer)
     beneath, doubts = None, tuple[Doubt, ...]()
     if parameters.sees_wide:
         objects = large_objects(large)
-        beneath = objects.terrain_beneath(seen.translated(-block.origin[0], -block.origin[1]), block.origin)
+        beneath = objects.terrain_beneath(window.translated(-block.origin[0], -block.origin[1]), block.origin)
         doubts = objects.doubts_in(block.bounds)
-    near = tuple(deck.cropped(seen.buffered(COARSEST_M)) for square in decks for deck in decks[square])
-    return BlockView(block, points.with_ground(ground), points.file, beneath, doubts, near)
+    cropped_decks = tuple(
+        deck.cropped(window.buffered(COARSEST_M)) for square in decks for deck in decks[square]
+    )
+    return BlockView(block, points.with_ground(ground), points.file, beneath, doubts, cropped_decks)
 
 
 def find_regions(seen: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
@@ -150,15 +152,15 @@ def see_block(
     The arguments are those of `block_pass`.
     """
     cloud = cloud.about(block.origin).in_canonical_order()
-    seen = Bounds(0.0, 0.0, block.side, block.side).buffered(recipe.scene_buffer)
-    other = wet_or_bridged(cloud, decks)
-    on_deck = other == BRIDGE_DECK
-    cloud = with_classes(cloud, other)
+    window = Bounds(0.0, 0.0, block.side, block.side).buffered(recipe.scene_buffer)
+    wet = wet_or_bridged(cloud, decks)
+    on_deck = wet == BRIDGE_DECK
+    cloud = with_classes(cloud, wet)
     if on_deck.any() and recipe.detect:
         stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
-        scene, on_decks = two_scenes(cloud, stood, seen, beneath=beneath)
+        scene, on_decks = two_scenes(cloud, stood, window, beneath=beneath)
     else:
-        scene = on_decks = scene_of(cloud, seen, beneath=beneath)
+        scene = on_decks = scene_of(cloud, window, beneath=beneath)
     wires = np.zeros(len(cloud), bool)
     if recipe.marks_others:
         wires = find_wires(cloud, scene.height, scene.spacing)
@@ -170,9 +172,11 @@ def see_block(
 def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:
     """The cloud with the classes (N,) given that are not 0, but for noise."""
     assert cloud.classification is not None
-    given = (classes > 0) & ~cloud.noise
+    labelled = (classes > 0) & ~cloud.noise
     return (
-        cloud.with_(classification=np.where(given, classes, cloud.classification)) if given.any() else cloud
+        cloud.with_(classification=np.where(labelled, classes, cloud.classification))
+        if labelled.any()
+        else cloud
     )
 
 

@@ -83,9 +83,9 @@ def block_extent(notes: Sequence[BlockMetadata]) -> Bounds:
     """World metres of all points used, widened to whole cells."""
     if not notes:
         return Bounds(0.0, 0.0, CELL, CELL)
-    whole = reduce(Bounds.union, (note.extent for note in notes))
-    west, south = np.floor(whole.west / CELL) * CELL, np.floor(whole.south / CELL) * CELL
-    east, north = (np.floor(whole.east / CELL) + 1) * CELL, (np.floor(whole.north / CELL) + 1) * CELL
+    extent = reduce(Bounds.union, (note.extent for note in notes))
+    west, south = np.floor(extent.west / CELL) * CELL, np.floor(extent.south / CELL) * CELL
+    east, north = (np.floor(extent.east / CELL) + 1) * CELL, (np.floor(extent.north / CELL) + 1) * CELL
     return Bounds(float(west), float(south), float(east), float(north))
 
 
@@ -93,7 +93,7 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     """A result as the arrays of its file."""
     high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
     low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
-    some = (result.label > 0) | high | low
+    candidate = (result.label > 0) | high | low
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
     # what was found outside given footprints is a building, too, though it is not modelled
     classes = np.where(result.vegetation > 0, result.vegetation, result.classification)
@@ -110,9 +110,9 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
         "about": block_json(about),
         "classification": classes,
         "part": result.part,
-        "candidate": np.packbits(some),
-        "label": result.label[some].astype(np.min_scalar_type(count)),
-        "high": np.packbits(high[some]),
+        "candidate": np.packbits(candidate),
+        "label": result.label[candidate].astype(np.min_scalar_type(count)),
+        "high": np.packbits(high[candidate]),
         "score": result.score,
         "dtm": result.dtm.values,
         "ground": ground_cells(result),
@@ -144,9 +144,9 @@ def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
     sides[result.label] = 1
     x, y = result.xyz[:, 0], result.xyz[:, 1]
     far = result.block.side - BORDER
-    for bit, near in ((2, x < BORDER), (4, y < BORDER), (8, x >= far), (16, y >= far)):
+    for bit, beside in ((2, x < BORDER), (4, y < BORDER), (8, x >= far), (16, y >= far)):
         touched = np.zeros(count + 1, bool)
-        touched[result.label[near]] = True
+        touched[result.label[beside]] = True
         sides[touched] |= bit
     sides[0] = 0
     return sides

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 def seen_from(bounds: Bounds, recipe: Recipe, side: float) -> Bounds:
     """World metres of the points that decide the ground of the blocks of a side (m) within `bounds`."""
-    near = around_squares(bounds, side).buffered(recipe.ground.buffer)
+    blocks = around_squares(bounds, side).buffered(recipe.ground.buffer)
     if not recipe.sees_wide:
-        return near
-    return around_squares(near, WIDE_SQUARE).buffered(recipe.ground.wide_buffer)
+        return blocks
+    return around_squares(blocks, WIDE_SQUARE).buffered(recipe.ground.wide_buffer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +78,16 @@ def classify_inside(
         cloud = with_ground_classes(cloud, recipe.ground_classes)
     if len(inside) == 0:
         return np.zeros(0, np.uint8), None
-    found = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide, core=core)
-    assert found.classification is not None
-    return found.classification[inside], None if found.part is None else found.part[inside]
+    classified = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide, core=core)
+    assert classified.classification is not None
+    return classified.classification[inside], None if classified.part is None else classified.part[inside]
 
 
 def with_ground_classes(cloud: PointCloud, numbers: tuple[int, ...]) -> PointCloud:
     """The cloud whose file means ground by these classes: they become 2, and a 2 that is none of them 1."""
-    given = cloud.classification
-    if given is None or numbers == (GROUND_CLASS,):
+    classes_of_file = cloud.classification
+    if classes_of_file is None or numbers == (GROUND_CLASS,):
         return cloud
-    classes = np.where(given == GROUND_CLASS, np.uint8(UNCLASSIFIED), given)
-    classes[np.isin(given, numbers)] = GROUND_CLASS
+    classes = np.where(classes_of_file == GROUND_CLASS, np.uint8(UNCLASSIFIED), classes_of_file)
+    classes[np.isin(classes_of_file, numbers)] = GROUND_CLASS
     return cloud.with_(classification=classes)

@@ -42,8 +42,8 @@ def see_points(block: Block, points: Mapping[Block, tuple[Records, bool]], param
     """A block with its points (N,), in quanta about its corner; what the file calls noise stays out."""
     records, classified = points[block]
     if classified:
-        used = np.flatnonzero(~np.isin(records["classification"], NOISE_CLASSES))
-        records = records if len(used) == len(records) else records.take(used)
+        chosen = np.flatnonzero(~np.isin(records["classification"], NOISE_CLASSES))
+        records = records if len(chosen) == len(records) else records.take(chosen)
     return block, records["xyz"]
 
 
@@ -61,8 +61,8 @@ def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) ->
     if not pieces:
         return SquareFloor(square, None)
     extent = reduce(Bounds.union, (piece.bounds for piece in pieces))
-    seen = square.bounds.buffered(parameters.wide_buffer)
-    floor = Floor.empty(within(seen, extent.buffered(EMPTY_RIM)))  # cost follows the data's area
+    window = square.bounds.buffered(parameters.wide_buffer)
+    floor = Floor.empty(within(window, extent.buffered(EMPTY_RIM)))  # cost follows the data's area
     for piece in pieces:
         floor.merge(piece)
     return SquareFloor(square, floor)

@@ -48,8 +48,8 @@ def find_superseded(
     What is covered follows from the new points alone: not from the tiles they came in, nor from their order.
     """
     block = next(iter(seen))
-    records = join_records([some for _, some in seen[block]])
-    number = np.concatenate([np.full(len(some), scan, np.int64) for scan, some in seen[block]])
+    records = join_records([points for _, points in seen[block]])
+    number = np.concatenate([np.full(len(points), scan, np.int64) for scan, points in seen[block]])
     stays = np.ones(len(records), bool)
     came = went = 0
     for first, end in pairwise((*parameters.generations, np.iinfo(np.int64).max)):
@@ -71,9 +71,9 @@ def covers_place(
     corner = np.floor(np.array(block.origin) / COVER_CELL).astype(np.int64) - MARGIN
     count = int(np.ceil(block.side / COVER_CELL)) + 1 + 2 * MARGIN
     grid = np.zeros((count, count), bool)
-    for near, files in scans.items():
-        later = join_records([some for scan, some in files if first <= scan < end])
-        place = scan_cells(later[~np.isin(later["classification"], NOISE_CLASSES)], near) - corner
+    for square, files in scans.items():
+        later = join_records([points for scan, points in files if first <= scan < end])
+        place = scan_cells(later[~np.isin(later["classification"], NOISE_CLASSES)], square) - corner
         place = place[((place >= 0) & (place < count)).all(axis=1)]
         grid[place[:, 0], place[:, 1]] = True
     closed = closed_by_square(grid, MARGIN)
@@ -83,22 +83,22 @@ def covers_place(
 
 def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:
     """Masks of the old (N,) and of the new points (M,) that agree in all of `SAME`, paired one to one."""
-    both = np.concatenate([old, new])
-    is_new = np.arange(len(both)) >= len(old)
-    x, y, z = both["xyz"].T
-    others = both["fields"].T if "fields" in (both.dtype.names or ()) else ()
-    columns = [x, y, z, *(both[name] for name in SAME[3:]), *others]
+    records = np.concatenate([old, new])
+    is_new = np.arange(len(records)) >= len(old)
+    x, y, z = records["xyz"].T
+    fields = records["fields"].T if "fields" in (records.dtype.names or ()) else ()
+    columns = [x, y, z, *(records[name] for name in SAME[3:]), *fields]
     order = np.lexsort((is_new, *columns))
-    starts = np.ones(len(both), bool)
-    if len(both):
+    starts = np.ones(len(records), bool)
+    if len(records):
         starts[1:] = np.any([column[order][1:] != column[order][:-1] for column in columns], axis=0)
     group = np.cumsum(starts) - 1
     count = np.bincount(group)
     fresh = np.bincount(group, weights=is_new[order]).astype(np.int64)
     pairs = np.minimum(fresh, count - fresh)[group]
-    rank = np.arange(len(both)) - np.flatnonzero(starts)[group]
+    rank = np.arange(len(records)) - np.flatnonzero(starts)[group]
     rank = np.where(is_new[order], rank - (count - fresh)[group], rank)
-    paired = np.zeros(len(both), bool)
+    paired = np.zeros(len(records), bool)
     paired[order] = rank < pairs
     return paired[: len(old)], paired[len(old) :]
 

@@ -62,8 +62,8 @@ def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[Build
     roof = roof[canonical_order(building.xyz[roof])]
     with naming(outline):
         number = outline.parts(building.xyz[roof], building.spacing)
-    held = is_array(number, len(roof), "iu")
-    check_returned(outline, held, f"as parts an array ({len(roof)},) of int32", number)
+    is_valid = is_array(number, len(roof), "iu")
+    check_returned(outline, is_valid, f"as parts an array ({len(roof)},) of int32", number)
     if not number.any():
         return [building]
     nearest = cKDTree(building.xyz[roof, :2]).query(building.xyz[:, :2])[1]
@@ -138,31 +138,31 @@ def building_pass(
 
     base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
     if not np.isfinite(base):
-        answer: BuildingModel | Failure = Failure(
+        outcome: BuildingModel | Failure = Failure(
             "no_ground", "no terrain under the footprint", "reconstruct"
         )
     else:
-        answer = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
-    described = answer.lod if isinstance(answer, BuildingModel) else ""
-    if isinstance(answer, BuildingModel) and recipe.lod == OVERHANGS:
+        outcome = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
+    described = outcome.lod if isinstance(outcome, BuildingModel) else ""
+    if isinstance(outcome, BuildingModel) and recipe.lod == OVERHANGS:
         around = points if building.around is None else building.around
         terrain_below = building.terrain.at(around)
         over_ground = around[:, 2] - np.where(np.isfinite(terrain_below), terrain_below, base)
-        answer = add_overhangs(answer, around, over_ground, recipe.overhangs)
+        outcome = add_overhangs(outcome, around, over_ground, recipe.overhangs)
     clock.lap("reconstruct")
-    if isinstance(answer, BuildingModel) and check:
-        answer = keep_valid(answer, recipe.lod, unit_m)
+    if isinstance(outcome, BuildingModel) and check:
+        outcome = keep_valid(outcome, recipe.lod, unit_m)
     clock.lap("validate")
-    if isinstance(answer, Failure):
-        answer = Failure(answer.code, answer.reason, answer.stage, footprint)
+    if isinstance(outcome, Failure):
+        outcome = Failure(outcome.code, outcome.reason, outcome.stage, footprint)
     else:
-        answer = answer if answer.lod == described else measure_again(answer)
+        outcome = outcome if outcome.lod == described else measure_again(outcome)
         facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
         facts |= {"ground_source": CELLS} if recipe.from_raster else ground_facts(footprint, building)
         if building.given is None:
             facts |= outline_facts(footprint, building)
-        answer = answer.with_(attributes={**answer.attributes, **facts})
-    return BuildingResult(answer, building.point_id, plane, clock.laps)
+        outcome = outcome.with_(attributes={**outcome.attributes, **facts})
+    return BuildingResult(outcome, building.point_id, plane, clock.laps)
 
 
 def level_plane(points: Points) -> RoofPlane:
@@ -240,13 +240,13 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         "box_share": round(float(polygon.area / around), 3),
     }
     if building.ground_seen is not None:
-        whole = polygon if building.block is None else building.block.polygon
+        outline = polygon if building.block is None else building.block.polygon
         rim = shapely.get_coordinates(shapely.segmentize(polygon, CELL))
-        rim = rim[shapely.distance(shapely.points(rim), whole.boundary) <= 0.5 * CELL]
+        rim = rim[shapely.distance(shapely.points(rim), outline.boundary) <= 0.5 * CELL]
         ground = cells_of(building.ground_seen)
         ground = ground[Bounds(*polygon.bounds).buffered(FAR_M + CELL).contains(ground)]
-        shapely.prepare(whole)
-        ground = ground[~shapely.contains_xy(whole, ground)]
+        shapely.prepare(outline)
+        ground = ground[~shapely.contains_xy(outline, ground)]
         away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)
         facts["hidden_share"] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
     return facts
@@ -266,30 +266,32 @@ def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> Buildi
     Other validators take their limits in the unit of the file: in feet they are a third of those in metres.
     """
     limits = limits_in(unit_m)
-    wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
+    levels = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
     bad: dict[str, Finding] = {}
-    bare = model.with_(solids=wanted, installations=())
+    bare = model.with_(solids=levels, installations=())
     if validate_model(different_levels(bare), limits):
-        for lod, solids in wanted.items():
-            found = validate_model(bare.with_(solids={lod: solids}), limits)
-            if found:
-                bad[lod] = found[0]
-    good = {lod: solids for lod, solids in wanted.items() if lod not in bad}
-    reasons = "; ".join(f"LoD {lod}: {one.code} {one.name} {one.detail}" for lod, one in sorted(bad.items()))
+        for lod, solids in levels.items():
+            findings = validate_model(bare.with_(solids={lod: solids}), limits)
+            if findings:
+                bad[lod] = findings[0]
+    good = {lod: solids for lod, solids in levels.items() if lod not in bad}
+    reasons = "; ".join(
+        f"LoD {lod}: {finding.code} {finding.name} {finding.detail}" for lod, finding in sorted(bad.items())
+    )
     if not good:
         return Failure("invalid_solid", reasons or "no solid", "reconstruct")
-    kept = bare.with_(solids=good)
-    attributes = {**model.attributes, "lod": kept.lod}
-    if bad and max(bad) > kept.lod:
+    sound = bare.with_(solids=good)
+    attributes = {**model.attributes, "lod": sound.lod}
+    if bad and max(bad) > sound.lod:
         attributes |= {"fallback_code": "invalid_solid", "fallback_reason": reasons}
-    if kept.lod >= OBJECTS:
-        roof = kept.with_(solids={kept.lod: good[kept.lod]})
-        for one in model.installations:
-            more = roof.with_(installations=(*roof.installations, one))
+    if sound.lod >= OBJECTS:
+        roof = sound.with_(solids={sound.lod: good[sound.lod]})
+        for installation in model.installations:
+            more = roof.with_(installations=(*roof.installations, installation))
             roof = roof if validate_model(more, limits) else more
         attributes |= {"installation_count": len(roof.installations)} if model.installations else {}
-        kept = kept.with_(installations=roof.installations)
-    return kept.with_(attributes=attributes)
+        sound = sound.with_(installations=roof.installations)
+    return sound.with_(attributes=attributes)
 
 
 def limits_in(unit_m: float) -> Tolerances:

@@ -81,20 +81,20 @@ def building_arrays(
 ) -> dict[str, NDArray[Any]]:
     """Buildings, with the keys of what they follow from, as the arrays of their file."""
     sections: dict[str, list[bytes]] = {ROWS: [], ANSWERS: []}
-    for one in results:
-        if isinstance(one, SavedBuilding):
-            sections[ROWS].append(one.rows.items[one.number])
-            sections[ANSWERS].append(one.answers.items[one.number])
+    for result in results:
+        if isinstance(result, SavedBuilding):
+            sections[ROWS].append(result.rows.items[result.number])
+            sections[ANSWERS].append(result.answers.items[result.number])
         else:
-            sections[ROWS].append(pack_item(vars(BuildingRow.of(one.outcome, one.seconds))))
-            sections[ANSWERS].append(pack_item(one.outcome))
+            sections[ROWS].append(pack_item(vars(BuildingRow.of(result.outcome, result.seconds))))
+            sections[ANSWERS].append(pack_item(result.outcome))
     arrays: dict[str, NDArray[Any]] = {"keys": np.array([*keys] or [""] * len(results), "S32")}
     for name, items in sections.items():
         arrays[name] = np.frombuffer(b"".join(items), np.uint8)
         arrays[f"{name}-ends"] = np.cumsum([len(item) for item in items], dtype=np.int64)
-    arrays["points"] = np.array([len(one.point_id) for one in results], np.int64)
-    arrays["point_id"] = np.concatenate([np.zeros(0, np.int64), *(one.point_id for one in results)])
-    arrays["plane"] = np.concatenate([np.zeros(0, np.int32), *(one.plane for one in results)])
+    arrays["points"] = np.array([len(result.point_id) for result in results], np.int64)
+    arrays["point_id"] = np.concatenate([np.zeros(0, np.int64), *(result.point_id for result in results)])
+    arrays["plane"] = np.concatenate([np.zeros(0, np.int32), *(result.plane for result in results)])
     return arrays
 
 
@@ -113,8 +113,8 @@ def section_of(arrays: Mapping[str, NDArray[Any]], name: str, keeps: bool) -> Se
 
 def saved_buildings(arrays: Mapping[str, NDArray[Any]]) -> list[SavedBuilding]:
     """The buildings of `building_arrays`, as they were saved."""
-    rows, answers = section_of(arrays, ROWS, keeps=True), section_of(arrays, ANSWERS, keeps=True)
-    return [SavedBuilding(rows, answers, number, *one) for number, one in enumerate(planes_of(arrays))]
+    rows, outcomes = section_of(arrays, ROWS, keeps=True), section_of(arrays, ANSWERS, keeps=True)
+    return [SavedBuilding(rows, outcomes, number, *facts) for number, facts in enumerate(planes_of(arrays))]
 
 
 @lru_cache(maxsize=SMALL_PARTS)
@@ -134,7 +134,7 @@ def planes_of(arrays: Mapping[str, NDArray[Any]]) -> list[tuple[NDArray[np.int64
     ends: NDArray[np.int64] = np.cumsum(arrays["points"])[:-1]
     pieces = (np.split(arrays[name], ends) for name in ("point_id", "plane"))
     keys = [key.decode() for key in arrays["keys"].tolist()]
-    return list(zip(*(list(some)[: len(keys)] for some in pieces), keys, strict=True))
+    return list(zip(*(list(piece)[: len(keys)] for piece in pieces), keys, strict=True))
 
 
 def row_of(values: Mapping[str, Any]) -> BuildingRow:

@@ -63,7 +63,9 @@ class OwnedOrders:
         """The block, and those that the outlines lie in."""
         owner = self.owner_block
         bounds = [Bounds(*outline.bounds) for order in self.orders for outline in order.outlines]
-        return sorted({owner, *(block for one in bounds for block in squares_touching(one, owner.side))})
+        return sorted(
+            {owner, *(block for rectangle in bounds for block in squares_touching(rectangle, owner.side))}
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +90,12 @@ def see_orders(
     gatherer = Gatherer(regions, around=MARGIN if parameters.keeps_low else None)
     outlines, points = {}, {}
     for name, outline in (part for order in unit.orders for part in order.parts):
-        given = about(Footprint(outline, id=name), owner.origin)
-        if given is not None:
-            touched = blocks_in(owner, Bounds(*given.polygon.bounds))
+        footprint = about(Footprint(outline, id=name), owner.origin)
+        if footprint is not None:
+            touched = blocks_in(owner, Bounds(*footprint.polygon.bounds))
             under = tuple((block, 0) for block in touched if block in computed)
-            outlines[name] = given
-            points[name] = gatherer.gather(owner, BuildingPlan(under, given))
+            outlines[name] = footprint
+            points[name] = gatherer.gather(owner, BuildingPlan(under, footprint))
     return GatheredOrders(unit.orders, found[owner], outlines, points)
 
 

@@ -49,18 +49,18 @@ class Gatherer:
         """The points of those blocks that have any, and how far (3,) they are moved to lie about the corner
         of the owner block."""
         for block in blocks:
-            found = self.candidates(block)
-            if found is not None:
-                yield found, np.array([*np.subtract(block.origin, owner.origin), 0.0])
+            candidates = self.candidates(block)
+            if candidates is not None:
+                yield candidates, np.array([*np.subtract(block.origin, owner.origin), 0.0])
 
     def gather(self, owner: Block, plan: BuildingPlan) -> BuildingPoints | Failure:
         """The building's points about the corner of its owner block, with the terrain around them."""
         if plan.failure is not None:
             return plan.failure
-        found = self.points_of(owner, plan)
-        if found is None:
+        building_points = self.points_of(owner, plan)
+        if building_points is None:
             return Failure("no_points", "no point above the ground lies in it", "outline", plan.given)
-        reach = Bounds.of(found["xyz"])
+        reach = Bounds.of(building_points["xyz"])
         if plan.given is not None:
             reach = reach.union(Bounds(*plan.given.polygon.bounds))
         around, others, margin = None, None, reach.buffered(MARGIN)
@@ -68,16 +68,16 @@ class Gatherer:
             around = self.near(owner, plan.blocks, reach.buffered(self._around), free=False)
         if plan.given is None:
             others = self.near(owner, blocks_in(owner, margin), margin, free=True)
-        seen = self.terrain(owner, margin, "ground")
+        ground = self.terrain(owner, margin, "ground")
         heights, beside = None, None
         if plan.given is not None:
-            beside = is_seen_beside(plan.given.polygon, seen)
+            beside = is_seen_beside(plan.given.polygon, ground)
             heights = None if beside else self.nearest_ground(owner, plan)
         building = BuildingPoints(
             owner_block=owner,
-            **found,
+            **building_points,
             terrain=self.terrain(owner, margin),
-            ground_seen=seen,
+            ground_seen=ground,
             ground_nearest=heights,
             ground_beside=beside,
             given=plan.given,
@@ -110,14 +110,14 @@ class Gatherer:
     def near(self, owner: Block, blocks: Iterable[Block], reach: Bounds, free: bool) -> Points:
         """The points (K, 3) of some blocks within `reach`, about the owner block's corner: all of them, or
         the high ones that are `free`, no building's."""
-        found = [np.zeros((0, 3))]
+        pieces = [np.zeros((0, 3))]
         for result, shift in self.parts(owner, blocks):
-            near = result.between(reach.west - shift[0] - GRID_STEP, reach.east - shift[0] + GRID_STEP)
+            number = result.between(reach.west - shift[0] - GRID_STEP, reach.east - shift[0] + GRID_STEP)
             if free:
-                near = near[result.high[near] & (result.label[near] == 0)]
-            places = result.xyz[near] + shift
-            found.append(places[reach.contains(places)])
-        return snap(np.concatenate(found))
+                number = number[result.high[number] & (result.label[number] == 0)]
+            places = result.xyz[number] + shift
+            pieces.append(places[reach.contains(places)])
+        return snap(np.concatenate(pieces))
 
     def nearest_ground(self, owner: Block, plan: BuildingPlan) -> Points | None:
         """The cells (K, 3) with ground that are nearest to a given footprint, and `MARGIN` farther, in the
@@ -125,15 +125,15 @@ class Gatherer:
         taken, nor what it touches: without ground around it a roof is the lowest surface, and passes for
         it."""
         assert plan.given is not None
-        polygon, found = plan.given.polygon, []
+        polygon, pieces = plan.given.polygon, []
         for block in plan.blocks:
-            seen, terrain = self.terrain_of(block, "ground"), self.terrain_of(block, "dtm")
-            if seen is None or terrain is None:
+            ground, terrain = self.terrain_of(block, "ground"), self.terrain_of(block, "dtm")
+            if ground is None or terrain is None:
                 continue
-            xy = cells_of(seen) + np.subtract(block.origin, owner.origin)
-            off = ~shapely.contains_xy(polygon.buffer(np.sqrt(2.0) * seen.cell), *xy.T)
-            found.append(np.column_stack([xy, terrain.values[seen.values == 1]])[off])
-        cells = np.concatenate([np.zeros((0, 3)), *found])
+            xy = cells_of(ground) + np.subtract(block.origin, owner.origin)
+            off = ~shapely.contains_xy(polygon.buffer(np.sqrt(2.0) * ground.cell), *xy.T)
+            pieces.append(np.column_stack([xy, terrain.values[ground.values == 1]])[off])
+        cells = np.concatenate([np.zeros((0, 3)), *pieces])
         if not len(cells):
             return None
         distance = shapely.distance(polygon, shapely.points(cells[:, :2]))
@@ -142,7 +142,7 @@ class Gatherer:
     def snapped(self, plan: OwnedBuildings) -> OwnedBuildings:
         """The plan with its given footprints moved to the eaves in the points, neighbours together."""
         buildings = [building for building in plan.buildings if building.failure is None]
-        others = tuple(building for building in plan.buildings if building.failure is not None)
+        failures = tuple(building for building in plan.buildings if building.failure is not None)
         footprints = [building.given for building in buildings if building.given is not None]
         points, spacing = [], 1.0
         for result, shift in self.parts(plan.owner_block, plan.blocks):
@@ -153,8 +153,8 @@ class Gatherer:
             return plan
         moved = snap_footprints(footprints, np.concatenate(points), spacing)
         pairs = zip(buildings, moved, strict=True)
-        snapped = tuple(replace(building, given=given) for building, given in pairs)
-        return replace(plan, buildings=snapped + others)
+        snapped = tuple(replace(building, given=outline) for building, outline in pairs)
+        return replace(plan, buildings=snapped + failures)
 
     def terrain(self, owner: Block, bounds: Bounds, name: str = "dtm") -> Raster:
         """The terrain inside `bounds` (about the owner block's corner), or where ground was seen (`ground`);
@@ -167,25 +167,25 @@ class Gatherer:
             tile = self.terrain_of(block, name)
             if tile is None:
                 continue
-            left = round((tile.west + block.origin[0] - owner.origin[0] - west) / CELL)
+            column = round((tile.west + block.origin[0] - owner.origin[0] - west) / CELL)
             top = round((north - (tile.north + block.origin[1] - owner.origin[1])) / CELL)
             height, width = tile.shape
             r0, r1 = max(top, 0), min(top + height, rows)
-            c0, c1 = max(left, 0), min(left + width, columns)
+            c0, c1 = max(column, 0), min(column + width, columns)
             if r0 < r1 and c0 < c1:
-                values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - left : c1 - left]
+                values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - column : c1 - column]
         return Raster(values, float(west), float(north), CELL)
 
 
 def thinned(building: BuildingPoints) -> BuildingPoints:
     """The building with points that stand for all of its dense scan's."""
     side = ENOUGH_PER_M2**-0.5
-    chosen, others, counts = thin(building.xyz, side)
+    chosen, thinned, counts = thin(building.xyz, side)
     inside = np.zeros(len(building.xyz), bool)
     inside[chosen] = True
     high = building.others if building.others is None else building.others[thin(building.others, side)[0]]
     few = building.take(inside, others=high, spacing=building.spacing * (len(inside) / len(chosen)) ** 0.5)
-    return replace(few, left_out=building.point_id[others], counts=counts)
+    return replace(few, left_out=building.point_id[thinned], counts=counts)
 
 
 def read_result(regions: Mapping[Block, BlockFile], block: Block, take: Callable[[BlockFile], T]) -> T | None:
@@ -220,12 +220,12 @@ def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
 def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> NDArray[np.int64]:
     """The numbers (K,) of a block's points that belong to a given footprint: the detector's or the high."""
     west, south, east, north = given.polygon.bounds
-    near = result.between(west - shift[0] - GRID_STEP, east - shift[0] + GRID_STEP)
-    x, y = (result.xyz[near, :2] + shift[:2]).T
+    number = result.between(west - shift[0] - GRID_STEP, east - shift[0] + GRID_STEP)
+    x, y = (result.xyz[number, :2] + shift[:2]).T
     inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
     inside[inside] = shapely.contains_xy(given.polygon, x[inside], y[inside])
-    near = near[inside]
-    high = result.high[near]
-    detected = result.label[near] > 0
+    number = number[inside]
+    high = result.high[number]
+    detected = result.label[number] > 0
     trusted = detected.sum() >= TRUSTED_SHARE * max(high.sum(), 1)
-    return np.asarray(near[detected if trusted else high])
+    return np.asarray(number[detected if trusted else high])

@@ -93,10 +93,10 @@ def connect_regions(seams: Sequence[Seam]) -> JoinedRegions:
     point = np.concatenate(nothing + [seam.point_id for seam in seams])
     order = np.lexsort((node, point))
     same = point[order][1:] == point[order][:-1]
-    one, other = node[order][:-1][same], node[order][1:][same]
+    first, second = node[order][:-1][same], node[order][1:][same]
     component = np.zeros(0, np.int32)
     if total:
-        graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(total, total))
+        graph = coo_array((np.ones(len(first), bool), (first, second)), shape=(total, total))
         _, component = connected_components(graph, directed=False)
     owner = np.repeat(np.arange(len(seams)), [seam.count for seam in seams])
     label = np.arange(total) - start[owner] + 1
@@ -110,18 +110,18 @@ def blocks_beyond(seams: Sequence[Seam], core: Callable[[Block], bool]) -> set[B
 
     `core` says whether a block is one of the core's.
     """
-    regions, known = connect_regions(seams), {seam.block for seam in seams}
-    own = np.array([core(block) for block in regions.blocks], bool)
-    wanted = np.zeros(regions.component.max(initial=-1) + 1, bool)
-    wanted[regions.component[regions.held & own[regions.owner]]] = True
-    near = np.flatnonzero(regions.held & (regions.sides > 1) & wanted[regions.component])
+    regions, blocks_seen = connect_regions(seams), {seam.block for seam in seams}
+    inside = np.array([core(block) for block in regions.blocks], bool)
+    in_core = np.zeros(regions.component.max(initial=-1) + 1, bool)
+    in_core[regions.component[regions.held & inside[regions.owner]]] = True
+    chosen = np.flatnonzero(regions.held & (regions.sides > 1) & in_core[regions.component])
     beyond = set()
-    for owner, sides in {(int(regions.owner[k]), int(regions.sides[k])) for k in near}:
+    for owner, sides in {(int(regions.owner[k]), int(regions.sides[k])) for k in chosen}:
         block = regions.blocks[owner]
         columns = [0] + [-1] * (sides >> 1 & 1) + [1] * (sides >> 3 & 1)
         rows = [0] + [-1] * (sides >> 2 & 1) + [1] * (sides >> 4 & 1)
         beyond |= {Block(block.column + c, block.row + r, block.side) for c in columns for r in rows}
-    return beyond - known
+    return beyond - blocks_seen
 
 
 def join_regions(seams: Sequence[Seam]) -> list[OwnedBuildings]:
@@ -149,12 +149,12 @@ def assign_footprints(
 
     Those that meet no block with points, and the `lost` ones, follow as failures: each footprint has a row.
     """
-    known, side = set(blocks), first.side
+    with_points, side = set(blocks), first.side
     plans: dict[Block, list[BuildingPlan]] = {}
     failures = list(lost)
     for footprint in footprints:
         touched = squares_touching(Bounds(*footprint.polygon.bounds), side)
-        under = tuple((block, 0) for block in touched if block in known)
+        under = tuple((block, 0) for block in touched if block in with_points)
         owner = block_of(footprint, first)
         moved = about(footprint, owner.origin)
         if under and moved is not None:
@@ -165,11 +165,11 @@ def assign_footprints(
         failures.append(Failure(code, reason, "outline", footprint))
     for failure in failures:
         owner = block_of(failure.footprint, first)
-        own = plans.setdefault(owner, [])
+        owned_plans = plans.setdefault(owner, [])
         place = failure.footprint or Footprint(Polygon())
         local = shapely.transform(place.polygon, lambda xy, origin=owner.origin: xy - np.array(origin))
         place = place.with_(polygon=local, origin=owner.origin)
-        own.append(BuildingPlan((), place, replace(failure, footprint=place)))
+        owned_plans.append(BuildingPlan((), place, replace(failure, footprint=place)))
     return [OwnedBuildings(owner, tuple(plans[owner])) for owner in sorted(plans)]
 
 
@@ -186,14 +186,14 @@ def with_addresses(plans: Sequence[OwnedBuildings], addresses: Sequence[Footprin
     if not addresses:
         return list(plans)
     tree = shapely.STRtree([address.polygon for address in addresses])
-    answers = []
+    owned = []
     for plan in plans:
-        near = np.unique(tree.query([as_box(block.bounds) for block in plan.blocks])[1])
-        own = tuple(
-            moved for k in near if (moved := about(addresses[k], plan.owner_block.origin)) is not None
+        numbers = np.unique(tree.query([as_box(block.bounds) for block in plan.blocks])[1])
+        local_addresses = tuple(
+            moved for k in numbers if (moved := about(addresses[k], plan.owner_block.origin)) is not None
         )
-        answers.append(replace(plan, addresses=own))
-    return answers
+        owned.append(replace(plan, addresses=local_addresses))
+    return owned
 
 
 def about(address: Footprint, origin: tuple[float, float]) -> Footprint | None:

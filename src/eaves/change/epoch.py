@@ -14,8 +14,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from eaves.flow.region import Region, open_region, read_points
+from eaves.flow.region import open_region, read_points
 from eaves.flow.run import open_run
+from eaves.flow.step import Region
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.points.classified import is_classified

@@ -172,21 +172,21 @@ class ScanFacts:
 
     def as_text(self) -> str:
         """The figures as a table, then the remarks."""
-        seen = "all" if self.whole else f"{self.looked_at:,} in {PIECES} evenly spread runs"
-        known = ", ".join(f"{name}: {count:,}" for name, count in self.classes.items())
+        extent = "all" if self.whole else f"{self.looked_at:,} in {PIECES} evenly spread runs"
+        classes = ", ".join(f"{name}: {count:,}" for name, count in self.classes.items())
         offset = "not measured" if self.strip_offset is None else f"{self.strip_offset:.3f} m at most"
         void = "not measured" if self.void_share is None else f"{self.void_share:.1%} of the area"
         rows = {
             "files": f"{self.files:,}",
             "points": f"{self.points:,}",
-            "looked at": seen,
+            "looked at": extent,
             "system": f"{self.system or 'none'}, {self.units}",
             "density": f"{self.density:.2f} points/m²",
             "spacing": f"{self.spacing:.2f} m",
             "returns": self.returns,
             "split pulses": f"{self.split_share:.1%}",
             "intensity": "yes" if self.intensity else "no",
-            "classes": known or "none",
+            "classes": classes or "none",
             "strips": f"{self.strips}",
             "strip offsets": offset,
             "voids": void,
@@ -238,7 +238,7 @@ def scan_facts(index: Index) -> ScanFacts:
         split_share=round(split, 4),
         intensity=sample.intensity,
         pulses=sample.pulses,
-        classes={str(one): int(many) for one, many in zip(classes, counts, strict=True)},
+        classes={str(number): int(many) for number, many in zip(classes, counts, strict=True)},
         strips=len(np.unique(sample.strip)),
         strip_offset=_strip_offset(sample),
         void_share=void,
@@ -285,22 +285,22 @@ def _take_sample(index: Index) -> Sample:
         none = np.zeros(0, np.uint8)
         return Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, 0)
     joined = {
-        name: np.concatenate([getattr(one, name) for one in parts])
+        name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("xyz", "number", "of", "classes", "strip")
     }
     return Sample(
         **joined,
-        intensity=any(one.intensity for one in parts),
-        pulses=any(one.pulses for one in parts),
-        read=sum(one.read for one in parts),
+        intensity=any(part.intensity for part in parts),
+        pulses=any(part.pulses for part in parts),
+        read=sum(part.read for part in parts),
     )
 
 
 def _cells(xyz: Points, side: float) -> tuple[NDArray[np.int64], int]:
     """The number of the cell of each point (N,), among those with points, and how many there are."""
     place = np.floor((xyz[:, :2] - xyz[:, :2].min(axis=0)) / side).astype(np.int64)
-    seen, cell = np.unique(place[:, 0] * (place[:, 1].max() + 1) + place[:, 1], return_inverse=True)
-    return cell.ravel(), len(seen)
+    cells, cell = np.unique(place[:, 0] * (place[:, 1].max() + 1) + place[:, 1], return_inverse=True)
+    return cell.ravel(), len(cells)
 
 
 def _heights(xyz: Points, area: float) -> tuple[int, float, float, float]:
@@ -350,11 +350,11 @@ def _cover(xyz: Points) -> tuple[float, float, int, float]:
     low = xyz[:, :2].min(axis=0)
     side = max(VOID_SPACINGS * float(np.prod(xyz[:, :2].max(axis=0) - low) / len(xyz)) ** 0.5, 1.0)
     place = np.floor((xyz[:, :2] - low) / side).astype(np.int64)
-    seen = np.zeros(place.max(axis=0) + 1, bool)
-    seen[place[:, 0], place[:, 1]] = True
-    filled = ndimage.binary_fill_holes(seen)
-    labels, pieces = ndimage.label(seen, np.ones((3, 3)))
+    occupied = np.zeros(place.max(axis=0) + 1, bool)
+    occupied[place[:, 0], place[:, 1]] = True
+    filled = ndimage.binary_fill_holes(occupied)
+    labels, pieces = ndimage.label(occupied, np.ones((3, 3)))
     sizes = np.sort(np.bincount(labels.ravel())[1:]) * side**2
     middle = float(sizes[np.searchsorted(np.cumsum(sizes), sizes.sum() / 2)])
-    area = float(seen.sum()) * side**2
-    return area, round(1 - float(seen.sum()) / float(filled.sum()), 4), int(pieces), middle
+    area = float(occupied.sum()) * side**2
+    return area, round(1 - float(occupied.sum()) / float(filled.sum()), 4), int(pieces), middle

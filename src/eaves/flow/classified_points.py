@@ -84,10 +84,10 @@ def known_copies(folder: Path, work: Path) -> dict[str, Path]:
     """The classified points in a run's folder by the keys of what they follow from, those that are as the run
     wrote them; `work` holds the results that it kept."""
     keys, path = known_files(folder), work / KEYS
-    words = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    keys_by_name = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return {
         key: folder / name
-        for name, key in words.items()
+        for name, key in keys_by_name.items()
         if name in keys
         and (folder / name).exists()
         and keys[name]
@@ -123,26 +123,26 @@ def write_points(
         path = single or run.folder / classified_name(index.path(number), len(index) == 1, names)
         made_from = replace(run.provenance, sources=(index.path(number).name,), count=1)
         key = key_of_columns(columns, index.mark(number), made_from) if run.options["keep"] else ""
-        known = (copies or {}).get(key)
-        classes, others = columns["classes"], {} if single else {**columns}
-        others.pop("classes", None)
+        copy = (copies or {}).get(key)
+        classes, columns_beside = columns["classes"], {} if single else {**columns}
+        columns_beside.pop("classes", None)
         try:
-            if known is None or sink is not None:
+            if copy is None or sink is not None:
                 write = None if sink is None else partial(sink.write, path)
                 source, copied = index.source(number), records.get(number, [])
                 write_classified(
                     source,
                     path,
                     classes,
-                    others,
+                    columns_beside,
                     sink=write,
                     provenance=made_from,
                     copies=copied,
                     used_only=windowed,
                 )
-            elif known != path:
+            elif copy != path:
                 with atomic(path) as temporary:
-                    shutil.copyfile(known, temporary)
+                    shutil.copyfile(copy, temporary)
             written[path] = key
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)
@@ -155,8 +155,8 @@ def write_points(
     shutil.rmtree(labels)
     if run.options["keep"]:
         with atomic(run.work_folder / KEYS) as temporary:
-            words = {path.name: key for path, key in written.items()}
-            temporary.write_text(json.dumps(words), encoding="utf-8")
+            names_and_keys = {path.name: key for path, key in written.items()}
+            temporary.write_text(json.dumps(names_and_keys), encoding="utf-8")
     return list(written)
 
 
@@ -187,7 +187,7 @@ def copies_of(index: Index, path_of: Callable[[str], Path]) -> dict[int, list[Pa
     paths: dict[int, list[Path]] = {}
     for part in file_slices(index):
         paths.setdefault(part.number, []).append(path_of(part.name))
-    return {number: some for number, some in paths.items() if all(path.exists() for path in some)}
+    return {number: files for number, files in paths.items() if all(path.exists() for path in files)}
 
 
 def gather_labels(

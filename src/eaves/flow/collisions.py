@@ -80,19 +80,19 @@ def refuse_overwrite(
         bear the `planned` names of this one's, or a run of other inputs.
     """
     facts = known_facts(folder)
-    same = {identity for one in plan.get("inputs", ()) for identity in identities(one)}
-    for one in facts.get("inputs", ()) if same else ():
-        if same.isdisjoint(identities(one)):
+    same = {identity for entry in plan.get("inputs", ()) for identity in identities(entry)}
+    for entry in facts.get("inputs", ()) if same else ():
+        if same.isdisjoint(identities(entry)):
             kept = "request" in facts and (folder / WORK).is_dir()
             scan = f"add a later scan of its area by eaves update {folder} POINTS -o OTHER, " if kept else ""
             remedy = f"{scan}give another -o, or --overwrite"
-            raise InputError.about(folder, f"holds a run of {Path(one['path']).name}", remedy)
+            raise InputError.about(folder, f"holds a run of {Path(entry['path']).name}", remedy)
     work = list(edits_and_work(folder, planned))
     if carries_edits:
         work = [(path, reason) for path, reason in work if path != folder / EDITS]
     if work:
         path, reason = work[0]
-        more = names_of_paths(folder, [other for other, _ in work[1:]])
+        more = names_of_paths(folder, [path for path, _ in work[1:]])
         also = f" (and of {len(work) - 1} more: {more})" if more else ""
         remedy = f"give another -o, or --overwrite, which moves it to {next_place(folder).name} in the folder"
         if "request" in facts and {path.name for path, _ in work} & {EDITS, LAYER}:
@@ -105,7 +105,7 @@ def edits_and_work(folder: Path, planned: Collection[str]) -> Iterator[tuple[Pat
     if (edits := folder / EDITS).exists():
         day = datetime.fromtimestamp(edits.stat().st_mtime)
         yield edits, f"holds edits of {day.day} {day:%B %Y}"
-    yield from (found for found in work_of_persons(folder, planned) if found[0] != edits)
+    yield from (entry for entry in work_of_persons(folder, planned) if entry[0] != edits)
 
 
 def changes_told(path: Path) -> str:

@@ -106,7 +106,7 @@ def check_formats(
 def planned_names(outputs: Sequence[str], names: Sequence[str]) -> set[str]:
     """Names in a run's folder of the files and folders that its outputs and formats are, but for classified
     points."""
-    return files_of_formats(names) | {name for one in outputs for name in OUTPUT_FILES.get(one, ())}
+    return files_of_formats(names) | {name for output in outputs for name in OUTPUT_FILES.get(output, ())}
 
 
 def files_of_formats(names: Sequence[str]) -> set[str]:
@@ -160,25 +160,27 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         raise InputError.about(folder, "holds a run that did not end", "run eaves build again with --resume")
     sources, table = files_of_run(folder, "buildings.city.jsonl"), folder / "footprints.gpkg"
     points = [folder / name for name in about["written"] if is_classified(name)]
-    wanted = {
+    sources_of = {
         "buildings.city.jsonl": (MODEL_FILES, sources),
         table.name: (FOOTPRINT_FILES, table.exists()),
         "classified points": ((COPC,), points),
     }
-    for file, (choices, there) in wanted.items():
+    for file, (choices, there) in sources_of.items():
         if not set(names).isdisjoint(choices) and not there:
             raise InputError.about(folder, f"holds no {file}", "build again with that output")
-    own = files_of_formats(names)
-    found = (path for path, _ in work_of_persons(folder, own))
-    set_aside(folder, [path for path in found if path.relative_to(folder).parts[0] in own])
+    planned = files_of_formats(names)
+    in_the_way = (path for path, _ in work_of_persons(folder, planned))
+    set_aside(folder, [path for path in in_the_way if path.relative_to(folder).parts[0] in planned])
     head = read_head(sources[0]) if sources else {}
     made_from, written = Provenance.of(head.get("metadata")), []
-    known = system_of_head(head, sources[0]) if sources else None
+    system_of_models = system_of_head(head, sources[0]) if sources else None
     if set(names) & MODEL_FILES.keys():
-        assert known is not None
+        assert system_of_models is not None
         few = sum(path.stat().st_size for path in sources) <= HELD_BYTES
-        held = list(models_of(sources)) if few else []
-        written += export_models(folder, lambda: iter(held or models_of(sources)), known, names, made_from)
+        models = list(models_of(sources)) if few else []
+        written += export_models(
+            folder, lambda: iter(models or models_of(sources)), system_of_models, names, made_from
+        )
     if set(names) & FOOTPRINT_FILES.keys():
         shapes, _, values, system = read_polygons(table, layer="footprints", keep_all=True)
         rows = [
@@ -186,7 +188,7 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         ]
         roofs = read_upright(table, "roof_planes", system)
         written += export_footprints(folder, rows, roofs, system, names, made_from)
-    written += export_points(points, known, names)
+    written += export_points(points, system_of_models, names)
     add_to_manifest(folder, written)
     return written
 
@@ -211,9 +213,12 @@ def write_contours(folder: Path, interval: float) -> Path:
     terrain, system = read_raster(folder / "dtm.tif")
     levels = interval * np.arange(*np.floor(np.nanquantile(terrain.values, [0, 1]) / interval + [1, 2]))
     rows = (
-        Row(LineString(np.vstack([one.xy, one.xy[:1]]) if one.closed else one.xy), {"height_m": one.level})
-        for one in trace_contours(terrain, np.round(levels, 6))
-        if len(one.xy) > 2
+        Row(
+            LineString(np.vstack([contour.xy, contour.xy[:1]]) if contour.closed else contour.xy),
+            {"height_m": contour.level},
+        )
+        for contour in trace_contours(terrain, np.round(levels, 6))
+        if len(contour.xy) > 2
     )
     write_polygons(folder / "contours.gpkg", list(rows), system, layer="contours")
     add_to_manifest(folder, [folder / "contours.gpkg"])
@@ -245,13 +250,16 @@ def export_points(files: Iterable[Path], system: CoordinateSystem | None, names:
     from eaves.formats.points.copc_writer import write_copc
 
     pairs = ((path, path.with_suffix(".copc.laz")) for path in files)
-    return [made for path, made in pairs if write_copc(path, made, system)]
+    return [copy for path, copy in pairs if write_copc(path, copy, system)]
 
 
 def in_order(row: Row) -> Row:
     """A row with the columns of all layers in the order of their declaration, others behind them."""
-    own = row.attributes
-    return Row(row.geometry, {name: own[name] for name in chain(*LAYERS.values()) if name in own} | dict(own))
+    attributes = row.attributes
+    return Row(
+        row.geometry,
+        {name: attributes[name] for name in chain(*LAYERS.values()) if name in attributes} | dict(attributes),
+    )
 
 
 def export_models(

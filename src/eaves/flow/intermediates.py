@@ -104,7 +104,7 @@ def lines_of(value: Any) -> list[LineString]:
     if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] in (2, 3) and len(value) > 1:
         return [LineString(np.vstack([value, value[:1]])[:, :2])]
     if isinstance(value, list | tuple) or getattr(value, "dtype", None) == np.object_:
-        return [line for one in value for line in lines_of(one)]
+        return [line for part in value for line in lines_of(part)]
     if getattr(value, "closed", True) is False:
         return [LineString(value.xy)]
     return lines_of(getattr(value, "polygon", getattr(value, "xy", None))) if value is not None else []
@@ -173,8 +173,8 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
 
     count = len(steps.maps) + bool(steps.models)
     rows = -(-count // COLUMNS)
-    known = {title: np.isfinite(raster.values) for title, raster in steps.maps.items()}
-    boxes = [box_of(raster, known[title]) for title, raster in steps.maps.items() if known[title].any()]
+    finite = {title: np.isfinite(raster.values) for title, raster in steps.maps.items()}
+    boxes = [box_of(raster, finite[title]) for title, raster in steps.maps.items() if finite[title].any()]
     ends = np.array(boxes or [(0.0, 1.0, 0.0, 1.0)])
     west, south = map(float, ends[:, [0, 2]].min(axis=0))
     east, north = map(float, ends[:, [1, 3]].max(axis=0))
@@ -182,7 +182,7 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
     figure = Figure((PANEL_INCHES * COLUMNS, height * rows), layout="constrained")
     for number, (title, raster) in enumerate(steps.maps.items(), 1):
         panel, values = figure.add_subplot(rows, COLUMNS, number), raster.values
-        some = values[known[title]]
+        some = values[finite[title]]
         labels = len(some) > 0 and bool((some == np.round(some)).all()) and some.min() >= 0
         shown = np.where(values > 0, values * 7 % 20, np.nan) if labels else values
         low, high = np.percentile(some, [2, 98]) if len(some) and not labels else (0, 20)
@@ -196,8 +196,8 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
         )
         numbers = len(np.unique(some[some > 0]))
         if labels:
-            words = f"{numbers} numbers, a colour each" if numbers > 1 else "marked" if numbers else "none"
-            panel.legend(handles=[Patch(color=image.cmap(7), label=words)], fontsize=5, loc="lower right")
+            legend = f"{numbers} numbers, a colour each" if numbers > 1 else "marked" if numbers else "none"
+            panel.legend(handles=[Patch(color=image.cmap(7), label=legend)], fontsize=5, loc="lower right")
         else:
             figure.colorbar(image, ax=panel, shrink=0.7).ax.tick_params(labelsize=5)
         panel.set_title(f"{number}. {title}", fontsize=7)

@@ -23,43 +23,43 @@ class Numbers:
     next: tuple[int, int]
 
 
-def read_numbers(kept: Kept) -> Numbers | None:
+def read_numbers(buildings: Kept) -> Numbers | None:
     """The numbers of buildings that were kept; None where they are numbered in their order."""
-    path = kept.store.folder / NUMBERS
+    path = buildings.store.folder / NUMBERS
     if not path.exists():
         return None
-    words = json.loads(path.read_text(encoding="utf-8"))
-    return Numbers({name: tuple(some) for name, some in words["of"].items()}, tuple(words["next"]))
+    content = json.loads(path.read_text(encoding="utf-8"))
+    return Numbers({name: tuple(numbers) for name, numbers in content["of"].items()}, tuple(content["next"]))
 
 
-def count_planes(kept: Kept, owners: Sequence[Block]) -> dict[str, int]:
+def count_planes(buildings: Kept, owners: Sequence[Block]) -> dict[str, int]:
     """Id → how many planes the points of a building bear, in the order of the buildings."""
-    found = {}
+    counts = {}
     for owner in owners:
-        for row, (_, plane) in zip(kept.rows([owner]), kept.planes(owner), strict=True):
-            found[str(row.values["id"])] = int(plane.max(initial=0))
-    return found
+        for row, (_, plane) in zip(buildings.rows([owner]), buildings.planes(owner), strict=True):
+            counts[str(row.values["id"])] = int(plane.max(initial=0))
+    return counts
 
 
-def numbers_of_owners(kept: Kept, owners: Sequence[Block]) -> Numbers:
+def numbers_of_owners(buildings: Kept, owners: Sequence[Block]) -> Numbers:
     """The numbers of all buildings, those of the `owners`."""
-    return read_numbers(kept) or continued(Numbers({}, (1, 0)), count_planes(kept, owners))
+    return read_numbers(buildings) or continued(Numbers({}, (1, 0)), count_planes(buildings, owners))
 
 
 def continued(before: Numbers, planes: dict[str, int]) -> Numbers:
     """The numbers with those of buildings that came, and new ones for planes that have no room."""
     of, (number, plane) = dict(before.of), before.next
     for name, count in planes.items():
-        known = of.get(name)
-        if known is not None and count <= known[2]:
+        earlier = of.get(name)
+        if earlier is not None and count <= earlier[2]:
             continue
-        of[name] = (number if known is None else known[0]), plane, count
-        number, plane = number + (known is None), plane + count
+        of[name] = (number if earlier is None else earlier[0]), plane, count
+        number, plane = number + (earlier is None), plane + count
     return replace(before, of=of, next=(number, plane))
 
 
-def keep_numbers(kept: Kept, owners: Sequence[Block], before: Numbers) -> None:
+def keep_numbers(buildings: Kept, owners: Sequence[Block], before: Numbers) -> None:
     """Write the numbers of buildings: those before, and what follows for owner blocks that changed."""
-    now = continued(before, count_planes(kept, owners))
-    with atomic(kept.store.folder / NUMBERS) as temporary:
+    now = continued(before, count_planes(buildings, owners))
+    with atomic(buildings.store.folder / NUMBERS) as temporary:
         temporary.write_text(json.dumps(vars(now)), encoding="utf-8")

@@ -18,7 +18,6 @@ from eaves.figures.trust import judge
 from eaves.flow.exports import export_footprints, export_models, export_points
 from eaves.flow.neighbours import party_walls
 from eaves.flow.numbers import read_numbers
-from eaves.flow.region import Region
 from eaves.flow.review import (
     LAYER,
     REVIEW,
@@ -29,7 +28,7 @@ from eaves.flow.review import (
     write_review,
 )
 from eaves.flow.run import Run, stated_request
-from eaves.flow.step import Step, Work, results_of
+from eaves.flow.step import Region, Step, Work, results_of
 from eaves.flow.steps import GROUND, REGIONS, SHOWN
 from eaves.formats import write_cityjson_seq
 from eaves.formats.qgis.project import write_project
@@ -65,10 +64,10 @@ class BuildingRows:
     faces: bool = False
 
     def __iter__(self) -> Iterator[Row]:
-        areas, kept = iter(self.shared), read_numbers(self.kept)
+        areas, numbers = iter(self.shared), read_numbers(self.kept)
         for number, row in enumerate(self.kept.rows(self.owners), 1):
-            if kept is not None:
-                number = kept.of[str(row.values["id"])][0]
+            if numbers is not None:
+                number = numbers.of[str(row.values["id"])][0]
             if self.faces:
                 yield from (Row(shape, with_decimals(values)) for shape, values in row.faces)
             else:
@@ -109,18 +108,20 @@ def finished_models(
 ) -> Iterator[BuildingModel | Failure]:
     """The models and failures of the `owners`, the models with their party walls, `shared` where known."""
     walls = iter(party_walls(kept, owners) if shared is None else shared)
-    for answer in kept.answers(owners):
-        yield with_walls(answer, next(walls, None))
+    for outcome in kept.answers(owners):
+        yield with_walls(outcome, next(walls, None))
 
 
-def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | None) -> BuildingModel | Failure:
+def with_walls(
+    outcome: BuildingModel | Failure, walls: Mapping[str, float] | None
+) -> BuildingModel | Failure:
     """The result of a building, a model with the figures that follow from its walls (`wall_figures`)."""
-    if not isinstance(answer, BuildingModel):
-        return answer
-    own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")
+    if not isinstance(outcome, BuildingModel):
+        return outcome
+    attributes, storeys = outcome.attributes, outcome.footprint.attributes.get("storeys")
     if walls is not None:
-        own = own | envelope_figures(walls, own, answer.footprint.polygon.area, storeys)
-    return answer.with_(attributes=with_decimals(own))
+        attributes = attributes | envelope_figures(walls, attributes, outcome.footprint.polygon.area, storeys)
+    return outcome.with_(attributes=with_decimals(attributes))
 
 
 def with_decimals(value: Any) -> Any:
@@ -128,8 +129,8 @@ def with_decimals(value: Any) -> Any:
     if isinstance(value, float):
         return round(value, DECIMALS)
     if isinstance(value, dict):
-        return {name: with_decimals(one) for name, one in value.items()}
-    return [with_decimals(one) for one in value] if isinstance(value, list | tuple) else value
+        return {name: with_decimals(item) for name, item in value.items()}
+    return [with_decimals(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def write_output(
@@ -147,8 +148,8 @@ def write_output(
         return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
-        answers = results.answers()
-        write_cityjson_seq(files[0], answers, system, provenance=made_from, translate=run.translate)
+        outcomes = results.answers()
+        write_cityjson_seq(files[0], outcomes, system, provenance=made_from, translate=run.translate)
         return files + export_models(folder, results.answers, system, run.options["formats"], made_from), None
     if step == "mask":
         from eaves.flow.rasters import write_run_mask
@@ -187,13 +188,13 @@ def write_outputs(
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
     metadata = read_metadata(region)
-    places = (doubt for one in metadata for doubt in one.doubts)
+    places = (doubt for block in metadata for doubt in block.doubts)
     doubts = doubt_rows(chain(places, face_doubts(kept.rows(owners))), run.side)
-    used = [one.block for one in metadata]
+    blocks = [block.block for block in metadata]
     results = RunResults(
         run,
         kept,
-        results_of(step_shown(region), store, used),
+        results_of(step_shown(region), store, blocks),
         owners,
         block_extent(metadata),
         shared,
@@ -237,8 +238,8 @@ def write_outputs(
     region.budget.step("write")
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""
-    words = describe_doubts(doubts, store.system.horizontal_unit_m, where)
-    summary = replace(summary, run={**summary.run, "doubts": words})
+    description = describe_doubts(doubts, store.system.horizontal_unit_m, where)
+    summary = replace(summary, run={**summary.run, "doubts": description})
     if run.classified is None:
         write_run(summary)
         summary = replace(summary, files=(*summary.files, run.folder / MANIFEST))
@@ -311,17 +312,17 @@ def summarise(
     """Counts over all buildings, seconds over all blocks."""
     counts = {name: Counter[str]() for name in COUNTED}
     seconds: Counter[str] = Counter()
-    found = 0
+    count = 0
     for row in Kept(region.store).rows(owners):
-        found += 1
+        count += 1
         counts["trust"][judge(row.values)[0]] += 1
         seconds.update(row.seconds)
         if row.modelled:
             counts["by_lod"][row.values["lod"]] += 1
         if row.code:
             counts["fallbacks" if row.modelled else "failures"][row.code] += 1
-    for one in metadata:
-        seconds.update(one.seconds)
+    for block in metadata:
+        seconds.update(block.seconds)
     run = region.run
     tiles = {"tiles": len(region.visits)} if run.by_tiles else {}
     peak = round(max(region.peak, peak_memory_mb()))
@@ -336,7 +337,7 @@ def summarise(
         elapsed=time.time() - run.started,
         run={**run.plan, **remote, **facts},
         points_used=points_used(region),
-        found=found,
+        found=count,
         wall=region.budget.wall,
         files=tuple(files),
         failed=tuple(dict.fromkeys(region.failed)),

@@ -95,9 +95,9 @@ def write_run_mask(
         path = piece.folder / "mask.tif"
         with MosaicWriter(path, piece.extent, CELL, system, mask=True, tags=tags) as mosaic:
             for block in piece.blocks:
-                near = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
+                outlines = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
                 part = within(block.bounds, piece.extent)  # a block may be far wider than its points
-                mosaic.write(rasterize(near, part, CELL), block.bounds)
+                mosaic.write(rasterize(outlines, part, CELL), block.bounds)
         if run.options["source"] is not None:  # the Vaihingen entry delivers one
             beside.append(path.with_suffix(".tfw"))
             write_world_file(beside[-1], mosaic.transform)

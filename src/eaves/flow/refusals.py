@@ -93,12 +93,12 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
         )
     grown = boxes + BOX_TOLERANCE * np.array([-1.0, -1.0, 1.0, 1.0])
     if window.clip is not None and not shapely.intersects(window.clip, shapely.box(*grown.T)).any():
-        there = "is empty"
+        place = "is empty"
         if not window.clip.is_empty:
-            there = f"lies within {box_text(window.clip.bounds, index.system)}"
+            place = f"lies within {box_text(window.clip.bounds, index.system)}"
         raise InputError.about(
             options["clip"] or "--clip",
-            f"no point lies in its area, which {there}: the headers put them within {extent}",
+            f"no point lies in its area, which {place}: the headers put them within {extent}",
             f"check its coordinate system, {ANYWAY}",
         )
 
@@ -114,10 +114,10 @@ def refuse_no_classes(run: Run) -> None:
     """
     recipe, facts = run.recipe, run.facts
     there = ", ".join(facts.classes) or "none"
-    wanted = [("ground", recipe.ground_classes)]
+    asked = [("ground", recipe.ground_classes)]
     if isinstance(recipe.detect, GivenClasses) and run.given is None:
-        wanted.append(("building", recipe.detect.classes))
-    for name, classes in wanted:
+        asked.append(("building", recipe.detect.classes))
+    for name, classes in asked:
         if facts.classes.keys().isdisjoint(map(str, classes)):
             numbers = " or ".join(map(str, classes))
             reason = InputError.about(
@@ -140,9 +140,11 @@ def refuse_full_disk(run: Run) -> None:
     """
     each = RECORD.itemsize + 8 * len(run.recipe.needs) + (COPIED_BYTES if copies_records(run) else 0)
     needed = each * run.index.points if run.window == Window() else 0
-    place = next(one for one in (run.folder.absolute(), *run.folder.absolute().parents) if one.is_dir())
-    left = sum(path.stat().st_size for path in run.work_folder.rglob("*") if path.is_file())
-    free = shutil.disk_usage(place).free + left
+    place = next(
+        folder for folder in (run.folder.absolute(), *run.folder.absolute().parents) if folder.is_dir()
+    )
+    reusable = sum(path.stat().st_size for path in run.work_folder.rglob("*") if path.is_file())
+    free = shutil.disk_usage(place).free + reusable
     if needed > free:
         raise InputError.about(
             run.folder,
@@ -161,13 +163,13 @@ def refuse_small_memory(run: Run) -> None:
         When they do not.
     """
     largest = int(run.index.entries["count"].argmax())
-    count, there = run.index.count(largest), run.memory or physical_memory()
+    count, memory = run.index.count(largest), run.memory or physical_memory()
     as_copc = COPC in run.options["formats"] and not run.by_tiles and run.window == Window()
-    if as_copc and count * COPC_BYTES > there:
+    if as_copc and count * COPC_BYTES > memory:
         raise InputError.about(
             run.index.path(largest),
             f"its {count:,} points as COPC take {count * COPC_BYTES / 1e6:,.1f} MB of memory, and there are "
-            f"{there / 1e6:,.1f}",
+            f"{memory / 1e6:,.1f}",
             "cut it into tiles, or leave copc out of --formats",
         )
 

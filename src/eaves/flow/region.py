@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import shutil
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import Any, NoReturn
+from collections.abc import Collection, Iterable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,24 +22,21 @@ from eaves.buildings.join import (
 )
 from eaves.flow.numbers import NUMBERS
 from eaves.flow.refusals import copies_records
-from eaves.flow.run import Progress, Run, no_progress, request_of
-from eaves.flow.step import Step, bring, bring_inputs, compute, results_of, squares_read
+from eaves.flow.run import Progress, Run, request_of
+from eaves.flow.step import Region, Step, bring, bring_inputs, compute, results_of, squares_read, store_of
 from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED
 from eaves.flow.tiles import (
     Area,
-    ByTile,
-    Visit,
     bounds_by_tile,
     by_tile,
+    given_in,
     inputs_meeting,
     let_go,
     squares_of_area,
 )
-from eaves.formats import InputError
-from eaves.formats.atomic import DiskFullError, atomic
-from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.formats.atomic import atomic
+from eaves.model import Block
 from eaves.recipe.recipe import Recipe
-from eaves.run.clock import Budget
 from eaves.run.keys import NAMED, key_of
 from eaves.run.partition import (
     FileSlice,
@@ -51,10 +47,9 @@ from eaves.run.partition import (
     key_of_part,
     keys_of_points,
     known_parts,
-    partition_slice,
+    read_part,
 )
-from eaves.run.store import Store
-from eaves.run.workers import Outcome, Workers, peak_memory_mb
+from eaves.run.workers import Workers
 from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
@@ -63,102 +58,6 @@ REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for; run.json lacks it while files are written."""
 EARLIER = "earlier"
 """Folder, beside the results of a run that is updated in its place, of those that it shows until then."""
-
-
-@dataclass(eq=False)
-class Region:
-    """A run's points, and what is noted as they go through the steps."""
-
-    run: Run
-    store: Store
-    workers: Workers = field(default_factory=Workers)
-    progress: Progress = no_progress
-    failed: list[str] = field(default_factory=list)
-    peak: float = field(default_factory=peak_memory_mb)
-    budget: Budget = field(default_factory=Budget)
-    wrong_boxes: dict[int, Bounds] = field(default_factory=dict)
-    points: int = 0
-    """Of the inputs, without those that could not be read."""
-    unread: dict[int, str] = field(default_factory=dict)
-    """Inputs that could not be read to their end, by number, with the reason."""
-    parts: dict[str, PartMark] = field(default_factory=dict)
-    """The parts of inputs that were read, by name."""
-    within: set[Block] | None = None
-    """The blocks whose points were asked for; None for all."""
-    with_points: frozenset[Block] = frozenset()
-    """Of these, those that have points, also those that hold nothing but isolated."""
-    used: frozenset[Block] = frozenset()
-    """Those that have points, without those that hold nothing but isolated."""
-    isolated: dict[Block, int] = field(default_factory=dict)
-    """Blocks left out, with the number of their points."""
-    points_keys: Mapping[str, str] = field(default_factory=dict)
-    """Block, by its name → the key of its points."""
-    brought: dict[str, set[Block]] = field(default_factory=dict)
-    """Step, by its name → the squares whose results are there."""
-    visits: dict[Block | None, Visit] = field(default_factory=dict)
-    """Tile → what was found of it; None → of a run in one piece."""
-    unfinished: frozenset[Block] = frozenset()
-    """The tiles that come later."""
-
-    @property
-    def blocks(self) -> list[Block]:
-        """The blocks that are used, in order."""
-        return sorted(self.used)
-
-    @property
-    def shown(self) -> list[Block]:
-        """The blocks that the files show, in order."""
-        return sorted(block for visit in self.visits.values() for block in visit.blocks)
-
-    @property
-    def owners(self) -> list[Block]:
-        """The blocks that own buildings, in order."""
-        return sorted(owner for visit in self.visits.values() for owner in visit.owners)
-
-    @cached_property
-    def given(self) -> ByTile[Footprint]:
-        """The given footprints."""
-        return ByTile(self.run.given or (), self.run)
-
-    @cached_property
-    def lost(self) -> ByTile[Failure]:
-        """The given footprints that cannot be modelled."""
-        return ByTile(self.run.lost, self.run)
-
-    def computes(self, step: Step, square: Block) -> bool:
-        """True if a square is a unit of a step; a block is one if it has points."""
-        return step.side is not None or square in (self.with_points if step.isolated else self.used)
-
-    def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
-        """The keys of the points of some blocks, of those that have any."""
-        keys = self.points_keys
-        others = "".join(f" {name}" for name in self.store.fields)
-        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{others}")
-        return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
-
-    def correct_boxes(self) -> None:
-        """Widen the boxes of inputs to where their points were found."""
-        self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
-
-    def refuse(self, reason: str) -> NoReturn:
-        """End the run for its inputs' sake; nothing of it stays."""
-        self.store.discard()
-        raise InputError(reason)
-
-    def note(self, outcome: Outcome, what: str) -> None:
-        """Remember the peak memory of a task, and its error for the report.
-
-        Raises
-        ------
-        DiskFullError
-            When that was the error: there is no use in going on.
-        """
-        self.peak = max(self.peak, outcome.peak_mb)
-        if outcome.full:
-            raise DiskFullError(outcome.error)
-        if outcome.error:
-            self.failed.append(f"{what}: {outcome.error}")
-            log.error("%s", self.failed[-1])
 
 
 def open_region(run: Run, workers: Workers, progress: Progress) -> Region:
@@ -190,18 +89,6 @@ def drop_upkeep(region: Region) -> None:
     (folder / NUMBERS).unlink(missing_ok=True)
 
 
-def store_of(run: Run) -> Store:
-    """The store of a run's results."""
-    return Store(
-        run.work_folder,
-        has_returns=run.index.has_field("return_number"),
-        has_classes=run.index.has_field("classification"),
-        system=run.index.system,
-        fields=run.recipe.needs,
-        outlasts=bool(run.options["keep"]),
-    )
-
-
 def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()) -> None:
     """The points of all blocks; in a run by tiles those that decide the results of a step for some units."""
     if region.within is None:
@@ -220,7 +107,7 @@ def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()
 def squares_to_read(region: Region) -> set[Block] | None:
     """The blocks whose points were asked for, and those around them, which tell what is isolated; None for
     all."""
-    return None if region.within is None else {near for block in region.within for near in ring(block)}
+    return None if region.within is None else {square for block in region.within for square in ring(block)}
 
 
 def read_points(region: Region) -> None:
@@ -246,7 +133,8 @@ def read_points(region: Region) -> None:
         region.progress("read", min(read, index.points), index.points)
 
     tasks = [(part, key_of_part(part, store, run.side, run.window)) for part in todo]
-    work, workers = partial(read_part, store=store, run=run, copied=copies_records(run)), region.workers
+    work: Any = partial(read_part, store=store, side=run.side, window=run.window, copied=copies_records(run))
+    workers = region.workers
     if workers.alone or len(todo) == 1:
         work, workers = partial(work, progress=read_more), Workers()
     unread: dict[int, str] = {}
@@ -287,18 +175,6 @@ def is_in_place(region: Region, part: FileSlice, names: Collection[str] | None) 
         return False
     blocks = [name for name in mark.blocks if names is None or name in names]
     return all((store.folder / "points" / name / f"{part.name}.bin").exists() for name in blocks)
-
-
-def read_part(
-    task: tuple[FileSlice, str],
-    store: Store,
-    run: Run,
-    copied: bool,
-    progress: Callable[[int], None] = lambda points: None,
-) -> Any:
-    """A part of an input, brought to its blocks, with the key that its mark bears."""
-    part, key = task
-    return partition_slice(part, store, run.side, run.window, progress, copied, key)
 
 
 def replace_points(region: Region) -> None:
@@ -390,8 +266,8 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
     """The buildings of an area, from the regions of the blocks that are done, or from given footprints."""
     run = region.run
     if run.given is not None:
-        first = run.first_block
-        plans = assign_footprints(region.given.of(area), region.blocks, first, region.lost.of(area))
+        owned = given_in(region, area)
+        plans = assign_footprints(owned.footprints, region.blocks, run.first_block, owned.lost)
     else:
         plans = with_addresses(join_regions(seams(region, done)), run.addresses)
     region.budget.step("blocks")
@@ -400,18 +276,18 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
 
 def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     """The results that the join needs, of all blocks that could be computed."""
-    found = []
+    results = []
     for result in results_of(REGIONS, region.store, sorted(blocks)).values():
         with result as file:
-            found.append(Seam.read(file))
-    return found
+            results.append(Seam.read(file))
+    return results
 
 
 def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
     bring_points(region, BUILDINGS, plans)
     bring_inputs(region, BUILDINGS, plans)
-    compute(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, store=region.store)))
+    compute(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
     region.budget.step("buildings")
 
 
@@ -425,13 +301,13 @@ def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
             let_go(region)
 
 
-def size_of(plan: OwnedBuildings, store: Store) -> float:
+def size_of(region: Region, plan: OwnedBuildings) -> float:
     """Number of points of an owner block's buildings, or the area (m²) of given ones: a hall may take longer
     than a street."""
-    given = [building.given for building in plan.buildings if building.given is not None]
-    if given:
-        return float(sum(footprint.polygon.area for footprint in given))
-    labels = {block: store.array(REGIONS.name, block, "label") for block in plan.blocks}
+    outlines = [building.given for building in plan.buildings if building.given is not None]
+    if outlines:
+        return float(sum(footprint.polygon.area for footprint in outlines))
+    labels = {block: region.store.array(REGIONS.name, block, "label") for block in plan.blocks}
     parts = [part for building in plan.buildings for part in building.regions]
     return float(sum(int((labels[block] == label).sum()) for block, label in parts))
 
@@ -442,9 +318,9 @@ def end_region(region: Region, complete: bool) -> None:
     store = region.store
     store.drop_records()
     if region.run.options["keep"]:
-        stated = {**request_of(region.run), "plan": region.run.plan}
+        request = {**request_of(region.run), "plan": region.run.plan}
         with atomic(store.folder / REQUEST) as temporary:
-            temporary.write_text(json.dumps(stated), encoding="utf-8")
+            temporary.write_text(json.dumps(request), encoding="utf-8")
     elif complete:
         store.discard()
 

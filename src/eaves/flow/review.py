@@ -46,14 +46,14 @@ def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
         worth = badness * building.values["area_m2"]
         weak = trust == "low" or has_defect(building.values)
         if lacks_model(building.values) or (weak and worth >= LEAST_WORTH_M2):
-            words = {
+            attributes = {
                 "id": building.values["id"],
                 "trust": trust,
                 "worth_m2": round(worth, 1),
                 "reason": reason,
                 "link": f"report.html#building={quote(building.values['id'])}",
             }
-            rows.append(Row(building.polygon, words))
+            rows.append(Row(building.polygon, attributes))
     ordered = sorted(rows, key=lambda row: (-row.attributes["worth_m2"], row.attributes["id"]))
     return [Row(row.geometry, {**row.attributes, "rank": rank}) for rank, row in enumerate(ordered, 1)]
 
@@ -79,8 +79,10 @@ def doubt_rows(doubts: Iterable[Doubt], side: float) -> list[Row]:
     What goes on beyond the surroundings that its block sees has another middle in each block, and so may be
     doubted in several: of those that overlap the largest stays. `side` is that of the blocks.
     """
-    ordered = sorted(set(doubts), key=lambda one: (-one.area_m2, one.x, one.y, one.stage, one.reason))
-    return [Row(square_of(one), told_of(one)) for one in without_repeated(ordered, side)]
+    ordered = sorted(
+        set(doubts), key=lambda doubt: (-doubt.area_m2, doubt.x, doubt.y, doubt.stage, doubt.reason)
+    )
+    return [Row(square_of(doubt), told_of(doubt)) for doubt in without_repeated(ordered, side)]
 
 
 def face_doubts(rows: Iterable[BuildingRow]) -> Iterator[Doubt]:
@@ -103,8 +105,8 @@ def without_repeated(doubts: Sequence[Doubt], side: float) -> list[Doubt]:
         return []
     squares = [square_of(doubt) for doubt in doubts]
     larger, smaller = shapely.STRtree(squares).query(squares, predicate="intersects")
-    keys = [(one.stage, one.reason.split(":")[0]) for one in doubts]
-    homes = [Block.at(one.x, one.y, WIDE_SQUARE if one.stage == "ground" else side) for one in doubts]
+    keys = [(doubt.stage, doubt.reason.split(":")[0]) for doubt in doubts]
+    homes = [Block.at(doubt.x, doubt.y, WIDE_SQUARE if doubt.stage == "ground" else side) for doubt in doubts]
     dropped = np.zeros(len(doubts), bool)
     for k, n in zip(larger.tolist(), smaller.tolist(), strict=True):
         dropped[n] |= k < n and keys[k] == keys[n] and homes[k] != homes[n]
@@ -126,9 +128,9 @@ def doubt_of(row: Row, unit: float) -> Doubt:
     """The doubt of a row whose geometry has units of so many metres."""
     assert row.geometry is not None
     west, south, east, north = (unit * side for side in row.geometry.bounds)
-    words = row.attributes
+    attributes = row.attributes
     x, y = round(0.5 * (west + east), 2), round(0.5 * (south + north), 2)
-    return Doubt(x, y, words["area_m2"], words["reason"], words["stage"])
+    return Doubt(x, y, attributes["area_m2"], attributes["reason"], attributes["stage"])
 
 
 def describe_doubts(rows: Sequence[Row], unit: float, where: str) -> dict[str, Any]:

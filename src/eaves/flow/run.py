@@ -320,9 +320,9 @@ def recipe_of(options: RunOptions) -> Recipe:
     """The recipe that the options name. With a terrain the cells of a DSM come with the class of the ground;
     buildings are detected all the same."""
     methods: dict[str, MethodChoice] = {stage: options.get(stage) for stage in METHOD_OPTIONS}  # type: ignore[misc]
-    given = methods["detect"]
-    if options["dtm"] is not None and not is_named(given):
-        table = given if isinstance(given, Mapping) else {}
+    detector = methods["detect"]
+    if options["dtm"] is not None and not is_named(detector):
+        table = detector if isinstance(detector, Mapping) else {}
         methods["detect"] = {"method": DEFAULTS["detect"], **table}
     return make_recipe(
         methods,
@@ -354,8 +354,8 @@ def check_whole(index: Index, options: RunOptions) -> None:
 def request_of(run: Run) -> dict[str, Any]:
     """The request by which a run is opened again with its plan, as JSON, with paths that hold from any
     folder."""
-    words = {"inputs": list(run.inputs), "options": kept_options(run.options)}
-    return {**words, "generations": list(run.generations), "updates": list(run.updates)}
+    request = {"inputs": list(run.inputs), "options": kept_options(run.options)}
+    return {**request, "generations": list(run.generations), "updates": list(run.updates)}
 
 
 def stated_request(run: Run) -> dict[str, Any]:
@@ -369,14 +369,14 @@ def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
     datum = vertical_datum(system)
     if system.wkt is None:
         return
-    words = datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}"
-    log.info("heights: vertical datum %s", words)
+    datum_text = datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}"
+    log.info("heights: vertical datum %s", datum_text)
     if "3dtiles" in formats and datum["status"] != "known":
         log.warning(
             "3dtiles: the vertical datum of the files is %s, so their heights are taken as above the "
             "ellipsoid; install PROJ's geoid grid (pyproj sync), pass a compound --crs, or raise the tileset "
             "in the viewer",
-            words,
+            datum_text,
         )
 
 
@@ -400,7 +400,7 @@ def goes_by_tiles(index: Index, options: RunOptions) -> bool:
 
 def planned_files(index: Index, options: RunOptions) -> set[str]:
     """Names in the output folder of the files, and folders of files, that a run will write."""
-    planned, taken = planned_names(options["outputs"], options["formats"]), set[str]()
+    planned, names = planned_names(options["outputs"], options["formats"]), set[str]()
     by_tiles = goes_by_tiles(index, options)
     extent = within(index.extent, in_metres(options["bounds"], index.system))  # type: ignore[arg-type] # checked
     if (by_tiles or is_large(extent)) and {"rasters", "mask"} & set(options["outputs"]):
@@ -409,7 +409,7 @@ def planned_files(index: Index, options: RunOptions) -> set[str]:
         planned.add("steps")
     classified = "classified" in options["outputs"] and not by_tiles
     for number in range(len(index)) if classified else ():
-        name = classified_name(index.path(number), len(index) == 1, taken)
+        name = classified_name(index.path(number), len(index) == 1, names)
         planned |= {name, str(Path(name).with_suffix(".copc.laz"))} if COPC in options["formats"] else {name}
     return planned
 
@@ -450,7 +450,7 @@ def describe_plan(
         "bounds": None if bounds is None else list(vars(bounds).values()),
         **hashes,
         "footprint_source": None if known is None else known.describe(),
-        **{name: options.get(name) for name, one in DECLARED.items() if one.option.recorded},
+        **{name: options.get(name) for name, declared in DECLARED.items() if declared.option.recorded},
     }
 
 
@@ -458,13 +458,17 @@ def hash_of(path: str | Path | None) -> str | None:
     """SHA-256 of a file and of those beside it that belong to it: a shapefile is several; None for none."""
     if path is None or not Path(path).is_file():
         return None
-    whole, path = hashlib.sha256(), Path(path)
-    beside = [one for one in path.parent.glob(f"{escape(path.stem)}.*") if one.suffix.lower() in SIDECARS]
+    digest, path = hashlib.sha256(), Path(path)
+    beside = [
+        sidecar
+        for sidecar in path.parent.glob(f"{escape(path.stem)}.*")
+        if sidecar.suffix.lower() in SIDECARS
+    ]
     beside += path.parent.glob(f"{escape(path.name)}-wal")
-    for one in [path, *sorted(set(beside) - {path})]:
-        with one.open("rb") as file:
-            whole.update(hashlib.file_digest(file, "sha256").digest())
-    return whole.hexdigest()
+    for part in [path, *sorted(set(beside) - {path})]:
+        with part.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
 
 
 SIDECARS = (".shp", ".shx", ".dbf", ".prj", ".cpg")

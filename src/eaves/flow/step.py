@@ -6,27 +6,32 @@ declares; they see no store, key or path. A reach is applied here alone.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any, NoReturn
 
 from numpy.typing import NDArray
 
-from eaves.flow.run import Run
-from eaves.model import Block
+from eaves.flow.run import Progress, Run, no_progress
+from eaves.formats import InputError
+from eaves.formats.atomic import DiskFullError
+from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.run.clock import Budget
 from eaves.run.code import Sources, package_sources
 from eaves.run.keys import key_of, modules_of
 from eaves.run.part_file import as_arrays, load_arrays, load_value
+from eaves.run.partition import PartMark
 from eaves.run.points import load_window
 from eaves.run.store import Store
+from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import ring, squares_of
 
-if TYPE_CHECKING:
-    from eaves.flow.region import Region
+log = logging.getLogger("eaves")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,17 +131,139 @@ class Step:
         """The key of its code with that of the methods it is given, its parameters, the reference system and
         its reaches; `sources` are those of this package unless others are given."""
         values = list(vars(self.parameters(run)).values())
-        reaches = [parameter(run, one.reach) for one in self.takes if one.reach]
+        reaches = [parameter(run, entry.reach) for entry in self.takes if entry.reach]
         return key_of(self.name, (sources or package_sources()).digest(self.modules(run)), values, reaches)
 
     def modules(self, run: Run) -> list[str]:
         """The modules of its functions and of the methods that it is given."""
         functions: list[Callable[..., Any] | None] = [self.see, self.run]
-        functions += [load_window if one.source is None else one.source.load for one in self.takes]
-        functions += [one.load for one in self.takes]
+        functions += [load_window if entry.source is None else entry.source.load for entry in self.takes]
+        functions += [entry.load for entry in self.takes]
         values = vars(self.parameters(run)).values()
         methods = (module for value in values for module in modules_of(value))
         return [*(function.__module__ for function in functions if function is not None), *methods]
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Given footprints (world metres), and those that cannot be modelled."""
+
+    footprints: Sequence[Footprint] = ()
+    lost: Sequence[Failure] = ()
+
+
+@dataclass(frozen=True)
+class Visit:
+    """What is remembered of a tile whose buildings are in the store, or of a run in one piece."""
+
+    owners: tuple[Block, ...]
+    blocks: tuple[Block, ...]
+    """Those that the files show."""
+    points: int = 0
+    read: tuple[Bounds, ...] = ()
+    """World metres of all that was read for it."""
+    key: str = ""
+    """Of all that it follows from."""
+
+
+@dataclass(eq=False)
+class Region:
+    """A run's points, and what is noted as they go through the steps."""
+
+    run: Run
+    store: Store
+    workers: Workers = field(default_factory=Workers)
+    progress: Progress = no_progress
+    failed: list[str] = field(default_factory=list)
+    peak: float = field(default_factory=peak_memory_mb)
+    budget: Budget = field(default_factory=Budget)
+    wrong_boxes: dict[int, Bounds] = field(default_factory=dict)
+    points: int = 0
+    """Of the inputs, without those that could not be read."""
+    unread: dict[int, str] = field(default_factory=dict)
+    """Inputs that could not be read to their end, by number, with the reason."""
+    parts: dict[str, PartMark] = field(default_factory=dict)
+    """The parts of inputs that were read, by name."""
+    within: set[Block] | None = None
+    """The blocks whose points were asked for; None for all."""
+    with_points: frozenset[Block] = frozenset()
+    """Of these, those that have points, also those that hold nothing but isolated."""
+    used: frozenset[Block] = frozenset()
+    """Those that have points, without those that hold nothing but isolated."""
+    isolated: dict[Block, int] = field(default_factory=dict)
+    """Blocks left out, with the number of their points."""
+    points_keys: Mapping[str, str] = field(default_factory=dict)
+    """Block, by its name → the key of its points."""
+    brought: dict[str, set[Block]] = field(default_factory=dict)
+    """Step, by its name → the squares whose results are there."""
+    visits: dict[Block | None, Visit] = field(default_factory=dict)
+    """Tile → what was found of it; None → of a run in one piece."""
+    unfinished: frozenset[Block] = frozenset()
+    """The tiles that come later."""
+    given: dict[Block, Given] = field(default_factory=dict)
+    """Tile → the given footprints that it owns."""
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The blocks that are used, in order."""
+        return sorted(self.used)
+
+    @property
+    def shown(self) -> list[Block]:
+        """The blocks that the files show, in order."""
+        return sorted(block for visit in self.visits.values() for block in visit.blocks)
+
+    @property
+    def owners(self) -> list[Block]:
+        """The blocks that own buildings, in order."""
+        return sorted(owner for visit in self.visits.values() for owner in visit.owners)
+
+    def computes(self, step: Step, square: Block) -> bool:
+        """True if a square is a unit of a step; a block is one if it has points."""
+        return step.side is not None or square in (self.with_points if step.isolated else self.used)
+
+    def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
+        """The keys of the points of some blocks, of those that have any."""
+        keys = self.points_keys
+        more = "".join(f" {name}" for name in self.store.fields)
+        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{more}")
+        return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
+
+    def correct_boxes(self) -> None:
+        """Widen the boxes of inputs to where their points were found."""
+        self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
+
+    def refuse(self, reason: str) -> NoReturn:
+        """End the run for its inputs' sake; nothing of it stays."""
+        self.store.discard()
+        raise InputError(reason)
+
+    def note(self, outcome: Outcome, what: str) -> None:
+        """Remember the peak memory of a task, and its error for the report.
+
+        Raises
+        ------
+        DiskFullError
+            When that was the error: there is no use in going on.
+        """
+        self.peak = max(self.peak, outcome.peak_mb)
+        if outcome.full:
+            raise DiskFullError(outcome.error)
+        if outcome.error:
+            self.failed.append(f"{what}: {outcome.error}")
+            log.error("%s", self.failed[-1])
+
+
+def store_of(run: Run) -> Store:
+    """The store of a run's results."""
+    return Store(
+        run.work_folder,
+        has_returns=run.index.has_field("return_number"),
+        has_classes=run.index.has_field("classification"),
+        system=run.index.system,
+        fields=run.recipe.needs,
+        outlasts=bool(run.options["keep"]),
+    )
 
 
 def parameter(run: Run, name: str) -> Any:
@@ -193,28 +320,28 @@ class Work:
     @classmethod
     def of(cls, step: Step, run: Run) -> Work:
         """The step as a run asks for it."""
-        reaches = tuple(None if one.reach is None else parameter(run, one.reach) for one in step.takes)
+        reaches = tuple(None if entry.reach is None else parameter(run, entry.reach) for entry in step.takes)
         return cls(step, step.key(run), step.parameters(run), reaches, run.side)
 
     def squares(self, number: int, unit: Any) -> Sequence[Block]:
         """The squares whose values an input of a unit, by its number, may hold, in order."""
-        one, reach = self.step.takes[number], self.reaches[number]
-        side = self.side if one.source is None else one.source.side or self.side
+        entry, reach = self.step.takes[number], self.reaches[number]
+        side = self.side if entry.source is None else entry.source.side or self.side
         if reach is not None:
             return squares_of(home_of(unit).bounds.buffered(reach), side)
         blocks = set(getattr(unit, "blocks", [unit]))
-        for _ in range(one.rings):
-            blocks = {near for block in blocks for near in ring(block)}
+        for _ in range(entry.rings):
+            blocks = {neighbour for block in blocks for neighbour in ring(block)}
         return sorted(blocks)
 
     def load(self, number: int, unit: Any, store: Store) -> Any:
         """An input of a unit, by its number, as the step's function is given it."""
-        one, squares = self.step.takes[number], self.squares(number, unit)
-        if one.source is not None:
-            return results_of(one.source, store, squares)
-        if one.load is not None:
-            return Results(partial(one.load, store), squares)
-        return load_window(store, unit, self.reaches[number] or 0.0, one.ids)
+        entry, squares = self.step.takes[number], self.squares(number, unit)
+        if entry.source is not None:
+            return results_of(entry.source, store, squares)
+        if entry.load is not None:
+            return Results(partial(entry.load, store), squares)
+        return load_window(store, unit, self.reaches[number] or 0.0, entry.ids)
 
     def see(self, unit: Any, store: Store) -> Any:
         """Exactly what the result of a unit follows from."""
@@ -224,16 +351,16 @@ class Work:
     def __call__(self, task: tuple[Any, str], store: Store) -> None:
         """Compute a unit and keep its result, unless one that is there follows from the same."""
         step, (unit, read), home = self.step, task, home_of(task[0])
-        seen = self.see(unit, store)
-        taken = store.key_of(self.key, seen)
+        view = self.see(unit, store)
+        view_key = store.key_of(self.key, view)
         mark = store.mark(step.name, home)
-        arguments = [seen]
+        arguments = [view]
         if step.earlier is not None:
             same = mark is not None and mark.step == self.key
             arguments.append(step.earlier(store.path(step.name, home)) if same else None)
-        if not store.reuse_if_unchanged(step.name, home, read, taken):
+        if not store.reuse_if_unchanged(step.name, home, read, view_key):
             value = step.run(*arguments, self.parameters)
-            store.save(step.name, home, as_arrays(value), read, taken, self.key)
+            store.save(step.name, home, as_arrays(value), read, view_key, self.key)
 
 
 def bring(region: Region, step: Step, units: Sequence[Any]) -> None:
@@ -250,21 +377,21 @@ def bring(region: Region, step: Step, units: Sequence[Any]) -> None:
 def bring_inputs(region: Region, step: Step, units: Sequence[Any]) -> None:
     """All results of other steps that a step takes for some units."""
     work = Work.of(step, region.run)
-    for number, one in enumerate(step.takes):
-        if one.source is not None:
+    for number, entry in enumerate(step.takes):
+        if entry.source is not None:
             squares = {square for unit in units for square in work.squares(number, unit)}
-            bring(region, one.source, sorted(squares - region.brought.get(one.source.name, set())))
+            bring(region, entry.source, sorted(squares - region.brought.get(entry.source.name, set())))
 
 
 def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:
     """The blocks whose points decide the results of a step for some units, by way of all steps it takes."""
     work, blocks = Work.of(step, run), set[Block]()
-    for number, one in enumerate(step.takes):
+    for number, entry in enumerate(step.takes):
         squares = {square for unit in units for square in work.squares(number, unit)}
-        if one.source is None:
+        if entry.source is None:
             blocks |= squares
-        elif not one.source.needs or parameter(run, one.source.needs):
-            blocks |= squares_read(run, one.source, squares)
+        elif not entry.source.needs or parameter(run, entry.source.needs):
+            blocks |= squares_read(run, entry.source, squares)
     return blocks
 
 

@@ -10,15 +10,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.buildings.join import OwnedBuildings, block_of
-from eaves.flow.run import TILE_SIDE
-from eaves.flow.step import bring_inputs, compute, squares_read
+from eaves.flow.run import TILE_SIDE, Run
+from eaves.flow.step import Given, Region, Visit, bring_inputs, compute, squares_read
 from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.code import package_sources
@@ -28,11 +27,6 @@ from eaves.run.part_file import as_arrays, load_value
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
 
-if TYPE_CHECKING:
-    from eaves.flow.region import Region
-    from eaves.flow.run import Run
-
-Given = TypeVar("Given", bound=Footprint | Failure)
 VISITED = "visited"
 """Name of what is remembered of tiles, among the results."""
 INPUT_FACTS = ("files", "inputs", "inputs_sha256", "scan")
@@ -45,27 +39,28 @@ def tile_of(block: Block, side: float = TILE_SIDE) -> Block:
     return Block(block.column // blocks, block.row // blocks, side)
 
 
-class ByTile(Generic[Given]):
-    """Given footprints (world metres), or failures of them, by the tile that owns them."""
+def given_by_tile(run: Run) -> dict[Block, Given]:
+    """The given footprints that each tile owns, in their order."""
+    owned: dict[Block, tuple[list[Footprint], list[Failure]]] = {}
 
-    def __init__(self, given: Sequence[Given], run: Run) -> None:
-        self._given, self._run = given, run
+    def lists(place: Footprint | None) -> tuple[list[Footprint], list[Failure]]:
+        return owned.setdefault(tile_of(block_of(place, run.first_block), run.tile_side), ([], []))
 
-    @cached_property
-    def tiles(self) -> dict[Block, list[Given]]:
-        """Those that each tile owns, in their order."""
-        tiles: dict[Block, list[Given]] = {}
-        for one in self._given:
-            place = one.footprint if isinstance(one, Failure) else one
-            owner = block_of(place, self._run.first_block)
-            tiles.setdefault(tile_of(owner, self._run.tile_side), []).append(one)
-        return tiles
+    for footprint in run.given or ():
+        lists(footprint)[0].append(footprint)
+    for failure in run.lost:
+        lists(failure.footprint)[1].append(failure)
+    return {tile: Given(*lists) for tile, lists in owned.items()}
 
-    def of(self, area: Area) -> Sequence[Given]:
-        """Those that an area owns."""
-        if not area.tiles:
-            return self._given
-        return [one for tile in area.tiles for one in self.tiles.get(tile, ())]
+
+def given_in(region: Region, area: Area) -> Given:
+    """The given footprints that an area owns."""
+    if not area.tiles:
+        return Given(region.run.given or (), region.run.lost)
+    parts = [region.given[tile] for tile in area.tiles if tile in region.given]
+    return Given(
+        [one for part in parts for one in part.footprints], [one for part in parts for one in part.lost]
+    )
 
 
 def plan_tiles(index: Index, side: float, bounds: Bounds | None = None) -> list[Block]:
@@ -109,20 +104,6 @@ WHOLE = Area()
 """The area of a run in one piece."""
 
 
-@dataclass(frozen=True)
-class Visit:
-    """What is remembered of a tile whose buildings are in the store, or of a run in one piece."""
-
-    owners: tuple[Block, ...]
-    blocks: tuple[Block, ...]
-    """Those that the files show."""
-    points: int = 0
-    read: tuple[Bounds, ...] = ()
-    """World metres of all that was read for it."""
-    key: str = ""
-    """Of all that it follows from."""
-
-
 VISIT_TYPES = {cls.__name__: cls for cls in (Visit, Block, Bounds)}
 
 
@@ -135,7 +116,7 @@ def areas(region: Region) -> Iterator[Area]:
     if not region.run.by_tiles:
         yield WHOLE
         return
-    region.within = set()
+    region.within, region.given = set(), given_by_tile(region.run)
     while True:
         tiles = tiles_of_run(region)
         todo = [tile for tile in tiles if not is_visited(region, tile)]
@@ -146,8 +127,8 @@ def areas(region: Region) -> Iterator[Area]:
             last = first + step
             region.unfinished = frozenset(todo[last:])
             yield Area(tuple(todo[first:last]), len(region.failed))
-            done = len(tiles) - len(region.unfinished)
-            region.progress("tiles", done, len(tiles))
+            finished = len(tiles) - len(region.unfinished)
+            region.progress("tiles", finished, len(tiles))
         region.correct_boxes()
 
 
@@ -155,14 +136,14 @@ def tiles_of_run(region: Region) -> list[Block]:
     """The tiles that inputs or given footprints lie in, in order."""
     run = region.run
     tiles = set(plan_tiles(run.index, run.tile_side, run.window.bounds))
-    return sorted(tiles.union(region.given.tiles, region.lost.tiles))
+    return sorted(tiles | region.given.keys())
 
 
 def squares_of_area(region: Region, area: Area) -> set[Block]:
     """The blocks of an area by tiles, those around them, and those under given footprints that it owns."""
     side = region.run.side
-    squares = {near for tile in area.tiles for near in squares_of(tile.bounds.buffered(side), side)}
-    for footprint in region.given.of(area):
+    squares = {square for tile in area.tiles for square in squares_of(tile.bounds.buffered(side), side)}
+    for footprint in given_in(region, area).footprints:
         squares |= set(squares_touching(Bounds(*footprint.polygon.bounds), side))
     return squares
 
@@ -225,7 +206,7 @@ def is_visited(region: Region, tile: Block) -> bool:
     if visit is None and store.has(VISITED, tile):
         visit = load_value(store.path(VISITED, tile), VISIT_TYPES)
         units = {BUILDINGS.name: visit.owners, SHOWN.name: visit.blocks}
-        if not all(store.has(name, unit) for name, some in units.items() for unit in some):
+        if not all(store.has(name, unit) for name, places in units.items() for unit in places):
             return False
     if visit is None or visit.key != key_of_tile(region, tile, visit.read):
         return False
@@ -261,7 +242,7 @@ def let_go(region: Region) -> None:
 def reach_of(run: Run) -> float:
     """Distance (m) beyond a tile of the points that its buildings follow from, but for long ones."""
     squares = squares_of(Block(0, 0, run.tile_side).bounds.buffered(run.side), run.side)
-    read = {near for square in squares_read(run, REGIONS, squares) for near in ring(square)}
+    read = {block for square in squares_read(run, REGIONS, squares) for block in ring(square)}
     return WIDE_SQUARE - min(min(square.bounds.west, square.bounds.south) for square in read)
 
 

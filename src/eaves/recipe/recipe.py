@@ -218,18 +218,18 @@ def make_recipe(
     if use_classes and not is_named(chosen.get("detect")):
         believed = {"classes": tuple(building_classes)} if building_classes else {}
         chosen["detect"] = {"method": "given_classes", **believed}
-    made: dict[str, Method | None] = {}
+    methods_made: dict[str, Method | None] = {}
     for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
         choice = chosen.get(stage)
         if stage == "units" and _name_of(choice) == "off":
-            made[stage] = None
+            methods_made[stage] = None
             continue
         if stage == "ground" and not is_named(choice):
-            own = getattr(made["detect"], "ground_method", DEFAULTS["ground"])
-            choice = {"method": own, **(choice if isinstance(choice, Mapping) else {})}
-        made[stage] = resolve_method(stage, choice, of_paper)
+            ground = getattr(methods_made["detect"], "ground_method", DEFAULTS["ground"])
+            choice = {"method": ground, **(choice if isinstance(choice, Mapping) else {})}
+        methods_made[stage] = resolve_method(stage, choice, of_paper)
     return Recipe(
-        **made,  # type: ignore[arg-type]
+        **methods_made,  # type: ignore[arg-type]
         use_classes=use_classes,
         lod=lod,
         ground_classes=tuple(ground_classes or (GROUND,)),
@@ -249,18 +249,18 @@ def _check_given(
     for name, numbers in (("building-classes", building_classes), ("ground-classes", ground_classes)):
         if not numbers:
             continue
-        words = f"--{name} {','.join(map(str, numbers))}"
+        option_text = f"--{name} {','.join(map(str, numbers))}"
         if not use_classes:
-            raise ValueError(f"{words}: the files' classes are not used; add --use-classes")
+            raise ValueError(f"{option_text}: the files' classes are not used; add --use-classes")
         if not all(0 <= number <= LARGEST_CLASS for number in numbers):
-            raise ValueError(f"{words}: classes are numbers from 0 to {LARGEST_CLASS}")
+            raise ValueError(f"{option_text}: classes are numbers from 0 to {LARGEST_CLASS}")
         if set(numbers) & set(NOISE_CLASSES):
-            raise ValueError(f"{words}: 7 and 18 are noise; leave them out")
+            raise ValueError(f"{option_text}: 7 and 18 are noise; leave them out")
     if building_classes and is_named(detect):
         raise ValueError("--building-classes: they are of the detector given_classes; leave --detect out")
-    both = set(building_classes or (BUILDING,)) & set(ground_classes or (GROUND,))
-    if both:
-        raise ValueError(f"class {min(both)} cannot be both ground and building; leave it out of one")
+    shared = set(building_classes or (BUILDING,)) & set(ground_classes or (GROUND,))
+    if shared:
+        raise ValueError(f"class {min(shared)} cannot be both ground and building; leave it out of one")
 
 
 def _with(classes: Sequence[int] | None, some: tuple[int, ...]) -> bool:
@@ -269,10 +269,10 @@ def _with(classes: Sequence[int] | None, some: tuple[int, ...]) -> bool:
         return True
     sets = [{GROUND, BUILDING}, {GROUND, *VEGETATION, BUILDING}, {GROUND, *VEGETATION, BUILDING, *OTHERS}]
     if set(classes) not in sets:
-        words = ",".join(map(str, classes))
-        allowed = ", ".join(",".join(map(str, sorted(one))) for one in sets[:-1])
+        asked = ",".join(map(str, classes))
+        allowed = ", ".join(",".join(map(str, sorted(allowed_set))) for allowed_set in sets[:-1])
         last = ",".join(map(str, sorted(sets[-1])))
-        raise ValueError(f"--classes {words}: write {allowed} or {last}; noise (7, 18) is always marked")
+        raise ValueError(f"--classes {asked}: write {allowed} or {last}; noise (7, 18) is always marked")
     return set(some) <= set(classes)
 
 

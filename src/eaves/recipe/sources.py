@@ -36,18 +36,18 @@ class PublishedSource:
             if cls.paper == self.paper
         }
         numbers = ", ".join(f"{number} of {stage}" for stage, number in count.items() if number)
-        words = f"numbers of its paper: {numbers}" if numbers else "its paper prints no number"
+        numbers_text = f"numbers of its paper: {numbers}" if numbers else "its paper prints no number"
         ours = [name for stage, name in self.methods.items() if classes[stage].paper != self.paper]
         beside = f"; ours as it is: {', '.join(ours)}" if ours else ""
-        return f"{words}; what is ours and can be off is off{beside}"
+        return f"{numbers_text}; what is ours and can be off is off{beside}"
 
     @property
     def steps(self) -> list[tuple[str, str, dict[str, Any]]]:
         """Stage, words and parameters of each step that a parameter leaves out."""
-        found = []
+        deviations = []
         for stage, name in self.methods.items():
-            found += [(stage, step, off) for step, off in method_class(stage, name).steps().items()]
-        return found
+            deviations += [(stage, step, off) for step, off in method_class(stage, name).steps().items()]
+        return deviations
 
 
 SOURCES: dict[str, PublishedSource] = {

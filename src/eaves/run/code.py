@@ -128,13 +128,13 @@ class Sources:
 
     def place(self, name: str) -> str:
         """The path of a module without its suffix, as that of its package is imported, if it is."""
-        package, *rest = name.split(".")
+        package, *path = name.split(".")
         if package == PACKAGE:
-            return os.path.join(self.folder, *rest)
+            return os.path.join(self.folder, *path)
         module = sys.modules.get(package)
         folders = list(getattr(module, "__path__", ()))
         top = folders[0] if folders else os.path.splitext(getattr(module, "__file__", None) or "")[0]
-        return os.path.join(top, *rest)
+        return os.path.join(top, *path)
 
     def imports(self, tree: ast.AST, module: str, path: str) -> Iterator[str]:
         """The modules of this package and of the module's own that are imported anywhere in its tree, and

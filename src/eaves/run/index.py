@@ -117,12 +117,14 @@ class Index:
         """Mask (F,) of the files that say that they have points within `bounds`."""
         order, sorted_west, widest = self._by_west
         first, last = np.searchsorted(sorted_west, [bounds.west - widest, bounds.east])
-        near = order[first:last]  # a country's files are asked for tile by tile: look at a strip of them
-        west, south, east, north = self.entries["box"][near].T
+        candidates = order[
+            first:last
+        ]  # a country's files are asked for tile by tile: look at a strip of them
+        west, south, east, north = self.entries["box"][candidates].T
         meets = (west < bounds.east) & (east >= bounds.west)
-        answer = np.zeros(len(self), bool)
-        answer[near] = meets & (south < bounds.north) & (north >= bounds.south)
-        return answer
+        mask = np.zeros(len(self), bool)
+        mask[candidates] = meets & (south < bounds.north) & (north >= bounds.south)
+        return mask
 
     @cached_property
     def _by_west(self) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
@@ -137,23 +139,23 @@ class Index:
         for k, number in enumerate(numbers):
             names += str(self.path(int(number))).encode("utf-8", "surrogateescape")
             entries["path_end"][k] = len(names)
-        kept = {k: self.kept[int(n)] for k, n in enumerate(numbers) if int(n) in self.kept}
-        return replace(self, entries=entries, paths=bytes(names), kept=kept)
+        sources = {k: self.kept[int(n)] for k, n in enumerate(numbers) if int(n) in self.kept}
+        return replace(self, entries=entries, paths=bytes(names), kept=sources)
 
     def with_boxes(self, boxes: Mapping[int, Bounds]) -> Index:
         """The index with the boxes of some files, by number, widened to hold others."""
         entries = self.entries.copy()
         for number, box in boxes.items():
-            whole = self.bounds(number).union(box)
-            entries["box"][number] = whole.west, whole.south, whole.east, whole.north
+            bounds = self.bounds(number).union(box)
+            entries["box"][number] = bounds.west, bounds.south, bounds.east, bounds.north
         return replace(self, entries=entries)
 
     def describe(self) -> dict[str, Any]:
         """The inputs as JSON: how many, and their common hash; each with its own where they are few."""
-        whole = hashlib.sha256(self.entries.tobytes() + self.paths)
-        words: dict[str, Any] = {"files": len(self), "inputs_sha256": whole.hexdigest()}
+        digest = hashlib.sha256(self.entries.tobytes() + self.paths)
+        facts: dict[str, Any] = {"files": len(self), "inputs_sha256": digest.hexdigest()}
         if len(self) <= LISTED_INPUTS:
-            words["inputs"] = [
+            facts["inputs"] = [
                 {
                     "path": str(self.path(number)),
                     "points": int(self.entries["count"][number]),
@@ -161,7 +163,7 @@ class Index:
                 }
                 for number in range(len(self))
             ]
-        return words
+        return facts
 
 
 def index_inputs(
@@ -179,7 +181,7 @@ def index_inputs(
         When none can be opened, or units or systems differ, or `crs` is not what a file says or its numbers
         cannot be what its system says and there is no `crs_force`.
     """
-    entries, names, kept = np.zeros(len(paths), ENTRY), bytearray(), {}
+    entries, names, sources = np.zeros(len(paths), ENTRY), bytearray(), {}
     systems: dict[CoordinateSystem, Path] = {}
     number, wrong_boxes = 0, []
     for path in paths:
@@ -199,7 +201,7 @@ def index_inputs(
         box = bounds.west, bounds.south, bounds.east, bounds.north
         entries[number] = source.count, box, bits, np.frombuffer(source.mark, np.uint8), len(names)
         if source.measured:
-            kept[number] = source
+            sources[number] = source
             if source.has_wrong_bbox:
                 wrong_boxes.append(path)
         if source.system not in systems:
@@ -210,7 +212,7 @@ def index_inputs(
     if not number:
         raise InputError(failed[0])
     system = agree((path, system) for system, path in systems.items())
-    index = Index(entries[:number].copy(), bytes(names), system, crs, kept)
+    index = Index(entries[:number].copy(), bytes(names), system, crs, sources)
     if system == LOCAL_METRES and crs is None and not crs_force:
         refuse_feet(index)
     warn_without_system(system, index.path(0), number)
@@ -227,9 +229,9 @@ def index_inputs(
 def open_counted(path: str | Path, crs: str | None) -> Source:
     """A file; points that its header does not count are used, with a warning."""
     source = open_source(path, crs)
-    stated = source.layout.stated if isinstance(source.layout, LasHeader) else None
-    if stated is not None:
-        log.warning("%s: the header counts %d points, %d are there and used", path, stated, source.count)
+    count = source.layout.stated if isinstance(source.layout, LasHeader) else None
+    if count is not None:
+        log.warning("%s: the header counts %d points, %d are there and used", path, count, source.count)
     return source
 
 

@@ -62,27 +62,27 @@ class Mark:
 
 def key_of(*taken: Any) -> str:
     """The key of arrays, to the last bit, of geometries, and of plain values, by how they are written."""
-    whole = hashlib.sha256()
-    for one in taken:
-        _feed(whole, one)
-    return whole.hexdigest()[:DIGITS]
+    digest = hashlib.sha256()
+    for item in taken:
+        _feed(digest, item)
+    return digest.hexdigest()[:DIGITS]
 
 
-def _feed(whole: hashlib._Hash, one: Any) -> None:
+def _feed(digest: hashlib._Hash, one: Any) -> None:
     if isinstance(one, np.ndarray):
-        whole.update(f"{one.dtype.str}{one.shape}".encode())
-        whole.update(np.ascontiguousarray(one).reshape(-1).view(np.uint8).data if one.size else b"")
+        digest.update(f"{one.dtype.str}{one.shape}".encode())
+        digest.update(np.ascontiguousarray(one).reshape(-1).view(np.uint8).data if one.size else b"")
     elif isinstance(one, BaseGeometry):
-        whole.update(shapely.to_wkb(one))
+        digest.update(shapely.to_wkb(one))
     elif is_dataclass(one):
-        whole.update(type(one).__name__.encode())
+        digest.update(type(one).__name__.encode())
         for field in fields(one):
-            _feed(whole, getattr(one, field.name))
+            _feed(digest, getattr(one, field.name))
     elif isinstance(one, list | tuple):
-        whole.update(f"{len(one)}(".encode())
+        digest.update(f"{len(one)}(".encode())
         for item in one:
-            _feed(whole, item)
+            _feed(digest, item)
     elif isinstance(one, Mapping):
-        _feed(whole, list(one.items()))
+        _feed(digest, list(one.items()))
     else:
-        whole.update(f"{one!r},".encode())
+        digest.update(f"{one!r},".encode())

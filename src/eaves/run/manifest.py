@@ -58,18 +58,18 @@ def end_manifest(folder: Path, files: Sequence[Path], complete: bool = True, **f
 def add_to_manifest(folder: Path, files: Sequence[Path]) -> None:
     """Write down files made after the run, where it has a manifest."""
     if (folder / MANIFEST).exists():
-        words = read_manifest(folder)
+        content = read_manifest(folder)
         entries = {name: whole_entry(folder / name) for name in names_of(folder, files)}
-        write_manifest(folder, read_facts(folder), words["written"] | entries, words["complete"])
+        write_manifest(folder, read_facts(folder), content["written"] | entries, content["complete"])
 
 
 def names_of(folder: Path, files: Sequence[Path]) -> list[str]:
     """Files by their path from the folder, with `/`; of a tileset all that lies beside it."""
-    whole: list[Path] = []
+    paths: list[Path] = []
     for path in files:
         beside = path.parent.rglob("*") if path.name == "tileset.json" else [path]
-        whole += [one for one in beside if one.is_file()]
-    return sorted({path.relative_to(folder).as_posix() for path in whole} - {MANIFEST})
+        paths += [file for file in beside if file.is_file()]
+    return sorted({path.relative_to(folder).as_posix() for path in paths} - {MANIFEST})
 
 
 def entry_of(path: Path) -> Entry:
@@ -86,8 +86,8 @@ def entry_of(path: Path) -> Entry:
 
 def current_entry(path: Path, entry: Entry | None) -> Entry:
     """The entry of a file as it is: the one that is there, where size and time say that it holds."""
-    words = path.stat()
-    if entry and (entry["size"], entry.get("modified")) == (words.st_size, words.st_mtime_ns):
+    status = path.stat()
+    if entry and (entry["size"], entry.get("modified")) == (status.st_size, status.st_mtime_ns):
         return entry
     return whole_entry(path)
 
@@ -141,9 +141,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     InputError
         When there is none, or it is damaged.
     """
-    words = read_words(folder)
-    path, files = folder / MANIFEST, words.get("written")
-    if not words:
+    content = read_words(folder)
+    path, files = folder / MANIFEST, content.get("written")
+    if not content:
         raise InputError.about(folder, f"holds no {MANIFEST}", "give the folder of a run")
     if files is None:
         raise InputError.about(path, "is of a version of eaves that listed no files in it", "build again")
@@ -151,26 +151,26 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise InputError.about(path, "is damaged: it lists no files of this folder", "run again")
     if not all(isinstance(entry, dict) for entry in files.values()):
         raise InputError.about(path, "is damaged: its entries say nothing of the files", "run again")
-    return {"complete": False, **words}
+    return {"complete": False, **content}
 
 
 def read_facts(folder: Path) -> dict[str, Any]:
     """Facts that a run recorded of itself: run.json without its manifest; empty where there is none."""
-    return {name: one for name, one in read_words(folder).items() if name not in ("complete", "written")}
+    return {name: fact for name, fact in read_words(folder).items() if name not in ("complete", "written")}
 
 
 def read_words(folder: Path) -> dict[str, Any]:
     """All of run.json; nothing where there is none."""
     path = folder / MANIFEST
     try:
-        words = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
     except (ValueError, RecursionError):
-        words = None
-    if not isinstance(words, dict):
+        content = None
+    if not isinstance(content, dict):
         raise InputError.about(path, "is damaged", "run again")
-    return words
+    return content
 
 
 def files_of_run(folder: Path, name: str) -> list[Path]:
@@ -209,9 +209,9 @@ def write_manifest(
     folder: Path, facts: Mapping[str, Any], files: Mapping[str, Entry], complete: bool
 ) -> None:
     """Write run.json, whole or not at all."""
-    words = {"version": eaves.__version__, **facts, "complete": complete, "written": files}
+    content = {"version": eaves.__version__, **facts, "complete": complete, "written": files}
     with atomic(folder / MANIFEST) as temporary:
-        temporary.write_text(json.dumps(words, indent=2, allow_nan=False), encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False), encoding="utf-8")
 
 
 def check_folder(folder: str | Path) -> list[str]:
@@ -236,13 +236,13 @@ def check_folder(folder: str | Path) -> list[str]:
     []
     """
     folder = Path(folder)
-    words = read_manifest(folder)
+    content = read_manifest(folder)
     wrong = []
-    if words.get("complete") is not True:
+    if content.get("complete") is not True:
         wrong.append(
             f"{folder / MANIFEST}: the run did not end, or left something out; run again with --resume"
         )
-    for name, entry in words["written"].items():
+    for name, entry in content["written"].items():
         path = folder / name
         if not path.is_file():
             wrong.append(f"{path}: is missing")

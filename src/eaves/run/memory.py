@@ -30,10 +30,10 @@ def parse_memory(text: str | None) -> int | None:
     """
     if not text:
         return None
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?", text.strip(), re.IGNORECASE)
-    if found is None:
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?", text.strip(), re.IGNORECASE)
+    if match is None:
         raise InputError(f"--memory {text}: not a size; write for example 4G or 1500M")
-    size = int(float(found[1]) * 1024 ** LETTERS.index(found[2].upper() or " "))
+    size = int(float(match[1]) * 1024 ** LETTERS.index(match[2].upper() or " "))
     if size < LEAST:
         raise InputError(f"--memory {text}: a process needs at least {LEAST // 10**6}M; give more")
     return size

@@ -276,18 +276,25 @@ def list_options(function: Callable[P, T]) -> Callable[P, T]:
     """The function itself, with the keywords of `RunOptions` in the signature that `help` shows, and in its
     docstring for the line `{options}`."""
     known = inspect.signature(function)
-    own = [one for one in known.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
+    parameters = [
+        parameter
+        for parameter in known.parameters.values()
+        if parameter.kind is not inspect.Parameter.VAR_KEYWORD
+    ]
     keywords = [
         inspect.Parameter(
-            one.name, inspect.Parameter.KEYWORD_ONLY, default=one.option.default, annotation=one.words
+            declared.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=declared.option.default,
+            annotation=declared.words,
         )
-        for one in DECLARED.values()
+        for declared in DECLARED.values()
     ]
-    signature = known.replace(parameters=[*own, *keywords])
+    signature = known.replace(parameters=[*parameters, *keywords])
     function.__signature__ = signature  # type: ignore[attr-defined]
     lines = [
-        f"{one.name} : {one.words.replace(' | ', ' or ')}\n        {one.option.sentence}"
-        for one in DECLARED.values()
+        f"{declared.name} : {declared.words.replace(' | ', ' or ')}\n        {declared.option.sentence}"
+        for declared in DECLARED.values()
     ]
     function.__doc__ = (function.__doc__ or "").replace("{options}", "\n    ".join(lines))
     return function
@@ -364,9 +371,13 @@ def check_outputs(names: Sequence[str]) -> None:
 
 def kept_options(options: RunOptions) -> dict[str, Any]:
     """The options with which a kept run is opened again, as JSON."""
-    kept: dict[str, Any] = {name: options.get(name) for name, one in DECLARED.items() if one.option.again}
+    options_again: dict[str, Any] = {
+        name: options.get(name) for name, declared in DECLARED.items() if declared.option.again
+    }
     if options["bounds"] is not None:
-        kept["bounds"] = list(vars(options["bounds"]).values())
+        options_again["bounds"] = list(vars(options["bounds"]).values())
     for name in POLYGONS:
-        kept[name] = None if kept[name] is None else str(Path(str(kept[name])).resolve())
-    return kept
+        options_again[name] = (
+            None if options_again[name] is None else str(Path(str(options_again[name])).resolve())
+        )
+    return options_again

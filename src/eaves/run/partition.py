@@ -103,10 +103,10 @@ def file_slices(index: Index, numbers: Iterable[int] | None = None) -> list[File
     starts = index.starts
     parts = []
     for number in range(len(index)) if numbers is None else map(int, numbers):
-        count, kept = int(index.entries["count"][number]), index.kept.get(number)
-        n = 1 if kept is not None and kept.kind == "text" else max(1, -(-count // PART_POINTS))
+        count, source = int(index.entries["count"][number]), index.kept.get(number)
+        n = 1 if source is not None and source.kind == "text" else max(1, -(-count // PART_POINTS))
         shared = (number, int(starts[number]), index.path(number), index.crs, count, index.bounds(number))
-        parts += [FileSlice(*shared, k, n, index.mark(number), kept) for k in range(n)]
+        parts += [FileSlice(*shared, k, n, index.mark(number), source) for k in range(n)]
     return parts
 
 
@@ -124,17 +124,17 @@ def known_parts(store: Store, index: Index, side: float, window: Window) -> dict
     places = sorted(int(number) for number in numbers if number.isdigit())
     parts = file_slices(index, [number for number in places if number < len(index)])
     keys = {part.name: key_of_part(part, store, side, window) for part in parts}
-    known = {name: mark for name, key in keys.items() if (mark := known_part(store, name, key)) is not None}
+    marks = {name: mark for name, key in keys.items() if (mark := known_part(store, name, key)) is not None}
     for path in (store.folder / "points").glob("*/*.bin"):
-        if path.stem not in known:
+        if path.stem not in marks:
             path.unlink()
     for folder in (store.folder / "points").iterdir():
         if not any(folder.iterdir()):
             folder.rmdir()
     for path in (store.folder / "parts").iterdir():
-        if path.stem not in known:
+        if path.stem not in marks:
             path.unlink()
-    return known
+    return marks
 
 
 def known_part(store: Store, name: str, key: str) -> PartMark | None:
@@ -162,7 +162,7 @@ def keys_of_points(marks: Mapping[str, PartMark]) -> dict[str, str]:
     for name in sorted(marks):
         for block, file in marks[name].blocks.items():
             files.setdefault(block, []).append([name, file])
-    return {block: key_of(some) for block, some in files.items()}
+    return {block: key_of(entries) for block, entries in files.items()}
 
 
 def partition_slice(
@@ -184,7 +184,7 @@ def partition_slice(
     read. Of a damaged input the points before the damage are used; a resumed run tries it again.
     """
     writer = SliceWriter(store, part.name)
-    read, seen, unread = 0, None, None
+    read, extent, unread = 0, None, None
     try:
         try:
             source = part.opened()
@@ -194,7 +194,7 @@ def partition_slice(
             share = part.k, part.n
             for chunk in iter_chunks(source, bounds, part=share, copy=copy, fields=store.fields):
                 box = Bounds.of(chunk.xyz)
-                seen = box if seen is None else seen.union(box)
+                extent = box if extent is None else extent.union(box)
                 partition_chunk(chunk, part.first, side, window, writer)
                 read += len(chunk)
                 progress(len(chunk))
@@ -206,11 +206,24 @@ def partition_slice(
         writer.discard()
         raise
     inside = part.box.buffered(BOX_TOLERANCE)
-    lies = seen is not None and inside.union(seen) != inside
+    lies = extent is not None and inside.union(extent) != inside
     mark = PartMark(key, read, unread, written)
     with atomic(store.part_path(part.name)) as temporary:
         temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
-    return mark, seen if lies else None
+    return mark, extent if lies else None
+
+
+def read_part(
+    task: tuple[FileSlice, str],
+    store: Store,
+    side: float,
+    window: Window,
+    copied: bool,
+    progress: Callable[[int], None] = lambda points: None,
+) -> tuple[PartMark, Bounds | None]:
+    """A part of an input, brought to its blocks, with the key that its mark bears."""
+    part, key = task
+    return partition_slice(part, store, side, window, progress, copied, key)
 
 
 def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: SliceWriter) -> None:
@@ -218,20 +231,20 @@ def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, write
     usable = window.holds(chunk.xyz)
     if not usable.any():
         return
-    used = chunk if usable.all() else chunk.take(usable)
-    records = np.zeros(len(used), writer.record)
+    inside = chunk if usable.all() else chunk.take(usable)
+    records = np.zeros(len(inside), writer.record)
     # the block follows from the rounded place: it counts from the block's corner and lies short of its end
-    east, north, height = (np.rint(column / GRID_STEP) for column in used.xyz.T)
+    east, north, height = (np.rint(column / GRID_STEP) for column in inside.xyz.T)
     steps = round(side / GRID_STEP)
     column, row = np.floor(east / steps).astype(np.int64), np.floor(north / steps).astype(np.int64)
     places = (east - column * steps, north - row * steps, height)
     for axis, place in enumerate(places):
         records["xyz"][:, axis] = place
-    records["point_id"] = used.position + first
+    records["point_id"] = inside.position + first
     for name, missing in (("return_number", 1), ("number_of_returns", 1), ("classification", 0)):
-        values = getattr(used, name)
+        values = getattr(inside, name)
         records[name] = missing if values is None else values
-    for number, values in enumerate(used.fields.values()):
+    for number, values in enumerate(inside.fields.values()):
         records["fields"][:, number] = values
     place = (column - column.min()) * (int(np.ptp(row)) + 1) + row - row.min()
     if int(place.max()) < 2**16:  # so few blocks: sixteen bits sort by radix, twenty times as fast
@@ -322,9 +335,9 @@ def find_isolated_blocks(store: Store, blocks: Sequence[Block]) -> dict[Block, i
     counts = {block: store.count_points(block) for block in blocks}
     isolated = {}
     for block in blocks:
-        near = ring(block)
-        count = sum(counts.get(one, 0) for one in near)
-        if count < TOO_FEW or (count < FEW and density(store, near) < SPARSEST):
+        neighbours = ring(block)
+        count = sum(counts.get(neighbour, 0) for neighbour in neighbours)
+        if count < TOO_FEW or (count < FEW and density(store, neighbours) < SPARSEST):
             isolated[block] = counts[block]
     return isolated
 

@@ -82,33 +82,33 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
     bounds = block.bounds.buffered(reach)
     west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
     ranges: dict[Block, tuple[int, int]] = {}
-    seen, count, ends = [], 0, list[int]()
+    pieces, count, ends = [], 0, list[int]()
     rows = np.zeros((north - south) // PER_METRE + 2, np.int64)
     # from south to north and west to east: dealt out to rows of cells, the points are in order where each
     # block has them from one file and the cells of blocks agree
-    for near in sorted(squares_touching(bounds, block.side), key=lambda block: (block.row, block.column)):
-        right, up = (round(way / GRID_STEP) for way in near.origin)
+    for square in sorted(squares_touching(bounds, block.side), key=lambda block: (block.row, block.column)):
+        right, up = (round(way / GRID_STEP) for way in square.origin)
         limits, start = (west - right, south - up, east - right, north - up), count
-        for records in store.map_points(near):
+        for records in store.map_points(square):
             which = within_kernel(records["xyz"], *limits, rows)
             if len(which):
-                seen.append((near, records, which, count))
+                pieces.append((square, records, which, count))
             count += len(records)
-            if near == block:
+            if square == block:
                 ends.append(count - start)
-        if seen and seen[-1][0] == near:
-            ranges[near] = start, count
+        if pieces and pieces[-1][0] == square:
+            ranges[square] = start, count
     fields = {"point_id": ids, "return_number": store.has_returns, "number_of_returns": store.has_returns}
     fields["classification"] = store.has_classes
     total, free = int(rows.sum()), np.cumsum(rows) - rows
-    arrays = {name: np.empty(total, RECORD[name]) for name, wanted in fields.items() if wanted}
+    arrays = {name: np.empty(total, RECORD[name]) for name, needed in fields.items() if needed}
     xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
-    ordered = len(seen) == len({near for near, *_ in seen})
+    ordered = len(pieces) == len({square for square, *_ in pieces})
     others = np.empty((total, len(store.fields)))
-    for near, records, which, first in seen:
-        right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, block.origin))
+    for square, records, which, first in pieces:
+        right, up = (round(way / GRID_STEP) for way in np.subtract(square.origin, block.origin))
         ordered &= right % PER_METRE == 0 == up % PER_METRE
-        low = south - round(near.origin[1] / GRID_STEP)
+        low = south - round(square.origin[1] / GRID_STEP)
         place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
         number[place] = which + first
         for name, values in arrays.items():

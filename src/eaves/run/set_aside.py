@@ -25,14 +25,14 @@ def work_of_persons(folder: Path, planned: Collection[str]) -> Iterator[tuple[Pa
     each with the reason."""
     if not folder.is_dir():
         return
-    known = set(known_facts(folder).get("written", {}))
+    names = set(known_facts(folder).get("written", {}))
     yield from ((path, CHANGED) for path in changed_files(folder))
-    known |= {name.split("/")[0] for name in known}
+    names |= {name.split("/")[0] for name in names}
     try:
         read_manifest(folder)
     except InputError:  # another program's run.json, where there is one
         planned = {*planned, MANIFEST}
-    for name in sorted(set(planned) - known):
+    for name in sorted(set(planned) - names):
         if os.path.lexists(folder / name):
             yield folder / name, FOREIGN
 
@@ -43,11 +43,11 @@ def set_aside(folder: Path, paths: Sequence[Path]) -> None:
         return
     place = next_place(folder)
     for path in paths:
-        for one in (path, *(path.with_name(f"{path.name}{suffix}") for suffix in ("-wal", "-shm"))):
-            if os.path.lexists(one):
-                target = place / one.relative_to(folder)
+        for file in (path, *(path.with_name(f"{path.name}{suffix}") for suffix in ("-wal", "-shm"))):
+            if os.path.lexists(file):
+                target = place / file.relative_to(folder)
                 target.parent.mkdir(parents=True, exist_ok=True)
-                one.rename(target)
+                file.rename(target)
     log.warning("%s: kept in %s: %s", folder, place.name, names_of_paths(folder, paths))
 
 

@@ -163,11 +163,11 @@ class Store:
         path = self.path(step, unit).with_suffix(".key")
         if not (path.exists() and self.has(step, unit)):
             return None
-        words = path.read_text(encoding="ascii", errors="replace").split()
-        if len(words) != len(Mark.__annotations__) or any(len(word) != len(key_of()) for word in words):
+        keys = path.read_text(encoding="ascii", errors="replace").split()
+        if len(keys) != len(Mark.__annotations__) or any(len(word) != len(key_of()) for word in keys):
             log.warning("%s: the part is damaged; it is computed again", path)
             return None
-        return Mark(*words)
+        return Mark(*keys)
 
     def found(self, step: str, units: Iterable[Block]) -> list[tuple[str, str]]:
         """The units that have a result, each with the key of what was found."""
@@ -198,10 +198,10 @@ class Store:
         path.parent.mkdir(exist_ok=True)
         save_part(path, arrays)
         with zipfile.ZipFile(path) as file:
-            members = [(one.filename, one.CRC, one.file_size) for one in file.infolist()]
-        found = key_of([one for one in members if not one[0].startswith(SECONDS)])
+            members = [(member.filename, member.CRC, member.file_size) for member in file.infolist()]
+        result_key = key_of([member for member in members if not member[0].startswith(SECONDS)])
         nothing = key_of()
-        mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, found)
+        mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, result_key)
         self._write_mark(step, unit, mark)
 
     def _write_mark(self, step: str, unit: Block, mark: Mark) -> None:
@@ -217,19 +217,19 @@ class Store:
 
     def keep_only(self, step: str, units: Iterable[Block]) -> None:
         """Remove the results of a step for all units but these."""
-        kept = {unit.name for unit in units}
+        names = {unit.name for unit in units}
         for path in (self.folder / step).glob("*.*"):
-            if path.stem not in kept:
+            if path.stem not in names:
                 path.unlink(missing_ok=True)
 
     def drop_damaged(self) -> None:
         """Remove the parts that were changed or damaged, with a warning for each: they are computed
         again; and what a writer that was killed left hidden beside them."""
-        for left in self.folder.glob("*/.*"):
-            if left.is_dir():
-                shutil.rmtree(left)
+        for leftover in self.folder.glob("*/.*"):
+            if leftover.is_dir():
+                shutil.rmtree(leftover)
             else:
-                left.unlink()
+                leftover.unlink()
         for path in sorted(self.folder.glob("*/*.npz")):
             if not is_whole_part(path):
                 log.warning("%s: the part is damaged; it is computed again", path)
@@ -241,10 +241,10 @@ def map_records(paths: Sequence[Path], record: np.dtype[np.void] = RECORD) -> li
     return [np.asarray(np.memmap(path, record, "c")) for path in paths if path.stat().st_size]
 
 
-def join_records(some: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+def join_records(arrays: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     """Arrays of records, one after the other; one alone is not copied."""
-    if len(some) == 1:
-        return some[0]
+    if len(arrays) == 1:
+        return arrays[0]
     # numpy joins records field by field, many times as slowly
-    data = [np.zeros(0, np.uint8), *(records.view(np.uint8) for records in some)]
-    return np.concatenate(data).view(some[0].dtype if some else RECORD)
+    data = [np.zeros(0, np.uint8), *(records.view(np.uint8) for records in arrays)]
+    return np.concatenate(data).view(arrays[0].dtype if arrays else RECORD)

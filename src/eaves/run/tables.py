@@ -55,5 +55,5 @@ def changes_between(before: Tables, now: Tables) -> Iterator[str]:
         if before[name]["rows"] != now[name]["rows"]:
             yield f"{name} has {now[name]['rows']:,} rows, not {before[name]['rows']:,}"
         else:
-            others = sorted(column for column in old.keys() & new.keys() if old[column] != new[column])
-            yield from (f"{name}.{column} has other values" for column in others)
+            differing = sorted(column for column in old.keys() & new.keys() if old[column] != new[column])
+            yield from (f"{name}.{column} has other values" for column in differing)

@@ -71,8 +71,8 @@ def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
     """Do one task; an error of its own becomes part of the outcome, so the others go on."""
     before = time.process_time()
     try:
-        answer = work(task)
-        return Outcome(index, answer, peak_mb=peak_memory_mb(), cpu=time.process_time() - before)
+        result = work(task)
+        return Outcome(index, result, peak_mb=peak_memory_mb(), cpu=time.process_time() - before)
     except Exception as error:
         if is_interrupt(error):
             raise KeyboardInterrupt from None
@@ -226,8 +226,8 @@ class Workers:
                 for child in self._processes():
                     if child not in driven:
                         driven.append(child)
-                        words = work, tasks, todo, AHEAD * self.jobs, outcomes.put
-                        threading.Thread(target=child.compute, args=words, daemon=True).start()
+                        arguments = work, tasks, todo, AHEAD * self.jobs, outcomes.put
+                        threading.Thread(target=child.compute, args=arguments, daemon=True).start()
                 own = take(todo) if self._share is None and outcomes.empty() else None
                 outcome = outcomes.get() if own is None else attempt(work, own, tasks[own])
                 if outcome.error == KILLED:

@@ -42,9 +42,11 @@ def around_squares(bounds: Bounds, side: float) -> Bounds:
     return first.bounds.union(last.bounds)
 
 
-def within(one: Bounds, other: Bounds | None) -> Bounds:
+def within(bounds: Bounds, other: Bounds | None) -> Bounds:
     """The intersection of two rectangles; empty where they do not meet."""
     if other is None:
-        return one
-    west, south = max(one.west, other.west), max(one.south, other.south)
-    return Bounds(west, south, max(west, min(one.east, other.east)), max(south, min(one.north, other.north)))
+        return bounds
+    west, south = max(bounds.west, other.west), max(bounds.south, other.south)
+    return Bounds(
+        west, south, max(west, min(bounds.east, other.east)), max(south, min(bounds.north, other.north))
+    )

@@ -12,8 +12,8 @@ from eaves.buildings.building_file import Kept
 from eaves.change.edits import Edit, write_edits
 from eaves.change.upkeep.corrected import correct, kept_edits
 from eaves.flow.collisions import EDITS
-from eaves.flow.region import Region
 from eaves.flow.run import Run
+from eaves.flow.step import Region
 from eaves.model import Block
 
 log = logging.getLogger("eaves")

@@ -14,7 +14,8 @@ from eaves.buildings.edited import Order, OwnedOrders
 from eaves.buildings.join import block_of
 from eaves.change.edits import Edit, edits_of_layer, read_edits, settle
 from eaves.flow.collisions import EDITS, LAYER
-from eaves.flow.region import Region, model_edits
+from eaves.flow.region import model_edits
+from eaves.flow.step import Region
 from eaves.flow.steps import BUILDINGS, EDITED
 from eaves.model import Block, CoordinateSystem, Failure, Footprint
 from eaves.run.keys import NAMED

@@ -23,8 +23,9 @@ from eaves.flow.classified_points import KEYS, known_copies
 from eaves.flow.collisions import EDITS, is_same_place
 from eaves.flow.numbers import NUMBERS, keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
-from eaves.flow.region import EARLIER, Region, bring_points, drop_upkeep, end_region, open_region, store_of
+from eaves.flow.region import EARLIER, bring_points, drop_upkeep, end_region, open_region
 from eaves.flow.run import Progress, Run, no_progress, stated_request
+from eaves.flow.step import Region, store_of
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model.summary import IncompleteRunError, Summary
