@@ -14,11 +14,18 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Boundary, Failure, Mask, Points, Values
+from eaves.model import Boundary, Failure, Labels, Mask, Points, Values
 from eaves.outline.global_fit import circle as circles
 from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import MIN_POINTS, OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, traced_rings, triangulate_points, wide_radius
+from eaves.outline.toolkit.alpha import (
+    SHARE,
+    Mesh,
+    alpha_parts,
+    traced_rings,
+    triangulate_points,
+    wide_radius,
+)
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import (
     RIGHT_ANGLE,
@@ -70,7 +77,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     drawn, as a regular polygon, where it costs less than the polygon; it costs as much as four right corners.
 
     Before that, points on walls and balconies are set aside: small, narrow surfaces well below a larger one
-    beside them (`low_parts`).
+    beside them (`low_parts`). What falls into parts of the alpha shape then is as many buildings, each with
+    its outline.
 
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
     outside, and mostly comes back once more from below. Those pulses fall into a strip as far inside the
@@ -164,6 +172,17 @@ class GlobalFit(LowPartRules, OutlineMethod):
         gt=0,
     )
 
+    def parts(self, points: Points, spacing: float) -> Labels:
+        mesh = triangulate_points(points[:, :2])
+        if mesh is None:
+            return super().parts(points, spacing)
+        return alpha_parts(mesh, self.alpha * self.spacing_of(mesh, spacing), self.balcony)
+
+    def spacing_of(self, mesh: Mesh, spacing: float) -> float:
+        """The spacing (m) of the points of a mesh, where they are sparse another than that of the scan."""
+        wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
+        return float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
+
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
         mesh = triangulate_points(points[:, :2])
@@ -174,8 +193,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
                 points = points[~low]
                 mesh = triangulate_points(points[:, :2])
         if mesh is not None:
-            wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
-            spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
+            spacing = self.spacing_of(mesh, spacing)
         rings = traced_rings(
             points,
             mesh,

@@ -105,25 +105,19 @@ def widen(mesh: Mesh, radius: float, share: float) -> tuple[NDArray[np.bool_], f
     return kept, radius
 
 
-def alpha_parts(xy: NDArray[np.float64], radius: float, share: float) -> Labels:
-    """The part 0, 1, … (N,) of the alpha shape that each point (N, 2) is a corner of, or nearest to.
-
-    A part counts from the square of the radius on: fewer triangles than that are strays.
-    """
-    number = np.full(len(xy), -1)
-    mesh = triangulate_points(xy)
-    if mesh is None:
-        return np.zeros(len(xy), np.int32)
-    radius = widen(mesh, radius, share)[1]
+def alpha_parts(mesh: Mesh, radius: float, least: float) -> Labels:
+    """The part 0, 1, … (N,) of the alpha shape of a radius (m) that each point is a corner of, or nearest to;
+    smaller parts than the `least` (m²) are none."""
     part, count = part_kernel(mesh.neighbours, mesh.radius <= radius)
     area = np.bincount(part, weights=mesh.area, minlength=count + 1)
-    large = [k for k in np.argsort(area[1:], kind="stable") + 1 if area[k] >= radius**2]
+    large = [k for k in np.argsort(area[1:], kind="stable") + 1 if area[k] >= least]
+    if len(large) < 2:
+        return np.zeros(len(mesh.xy), np.int32)
+    number = np.full(len(mesh.xy), -1)
     for k in large:
         number[mesh.triangles[part == k]] = k
-    if len(large) < 2:
-        return np.zeros(len(xy), np.int32)
     inside = np.flatnonzero(number >= 0)
-    nearest = inside[cKDTree(xy[inside]).query(xy)[1]]
+    nearest = inside[cKDTree(mesh.xy[inside]).query(mesh.xy)[1]]
     return np.unique(number[nearest], return_inverse=True)[1].astype(np.int32)
 
 
