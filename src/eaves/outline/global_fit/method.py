@@ -54,7 +54,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
     directions all around to choose from; those of its sides, joined to right-angled frames where they agree,
     are those of the second. So right angles appear unless the points pay for another one, a rounded or hidden
     corner is drawn where its sides meet, and a spike is left out. Jogs below `detail` go. At last every edge
-    moves to the place where the points behind it end, which corrects the half spacing that points stay inside.
+    moves to where the points behind it end, which corrects the half spacing that points stay inside.
 
     Formula
     -------
