@@ -157,3 +157,32 @@ def test_a_bite_under_a_crown_is_closed_unless_ground_was_seen_in_it(
     else:
         assert corner_count(drawn) == 4
         assert iou(drawn, truth) > 0.96
+
+
+@pytest.mark.parametrize(("apart", "side", "count"), [(1.0, 8.0, 2), (0.0, 8.0, 1), (1.0, 1.5, 1)])
+def test_neighbours_a_disc_passes_between_have_an_outline_each__unless_one_is_no_building(
+    apart: float, side: float, count: int
+) -> None:
+    houses = [shapely.box(0.0, 0.0, 10.0, 8.0), shapely.box(10.0 + apart, 0.0, 10.0 + apart + side, side)]
+    density = 10.0
+    turned = [affinity.rotate(house, 20.0, origin=(0, 0)) for house in houses]
+    points = np.vstack([scanned(house, density, seed) for seed, house in enumerate(turned)])
+    part = GlobalFit().parts(points, density**-0.5)
+    first = shapely.intersects_xy(turned[0].buffer(0.1), *points[:, :2].T)
+    assert len(np.unique(part)) == count
+    assert len(np.unique(part[first])) == len(np.unique(part[~first])) == 1
+
+
+@pytest.mark.parametrize(("width", "count"), [(1.0, 2), (4.0, 1)])
+def test_a_neck_narrower_than_a_balcony_may_be_joins_no_two_houses(width: float, count: int) -> None:
+    neck = shapely.box(10.0, 4.0 - width / 2.0, 12.0, 4.0 + width / 2.0)
+    plan = shapely.union_all([shapely.box(0.0, 0.0, 10.0, 8.0), neck, shapely.box(12.0, 0.0, 20.0, 8.0)])
+    density = 10.0
+    points = scanned(affinity.rotate(plan, 20.0), density)
+    assert len(np.unique(GlobalFit().parts(points, density**-0.5))) == count
+
+
+@pytest.mark.parametrize("density", [10.0, 60.0])
+def test_a_branch_over_the_eaves_is_not_drawn__however_dense_the_scan(density: float) -> None:
+    branch = shapely.box(4.0, 9.0, 4.8, 9.4)
+    assert corner_count(outlined(scanned(RECTANGLE | branch, density), density)) == 4

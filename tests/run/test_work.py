@@ -30,7 +30,7 @@ MOST = {
     "imported": 246,
     "ran": 195,
     "calls a building": 7100,
-    "kernel calls a building": 265,
+    "kernel calls a building": 272,
     "read": 5.0,
     "copied": 7.0,
     "sorted": 2.1,

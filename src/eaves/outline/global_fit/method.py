@@ -14,11 +14,18 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Boundary, Failure, Mask, Points, Values
+from eaves.model import Boundary, Failure, Labels, Mask, Points, Values
 from eaves.outline.global_fit import circle as circles
 from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import MIN_POINTS, OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, traced_rings, triangulate_points, wide_radius
+from eaves.outline.toolkit.alpha import (
+    SHARE,
+    Mesh,
+    alpha_parts,
+    traced_rings,
+    triangulate_points,
+    wide_radius,
+)
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import (
     RIGHT_ANGLE,
@@ -42,11 +49,12 @@ class GlobalFit(LowPartRules, OutlineMethod):
     the cheapest is taken, whose sides follow few directions: half the squared distance of every point to its
     side, in units of its scatter, plus a price for every corner, for a side that does not follow the frame
     of most, and for a point that no side explains. A point with something higher and no ground beside it
-    counts less: a crown may hide the rest of the roof. The first pass has directions all around to choose
-    from; those of its sides, joined to right-angled frames where they agree, are those of the second. So
-    right angles appear unless the points pay for another one, a rounded or hidden corner is drawn where its
-    sides meet, and a spike is left out. Jogs below `detail` go. At last every edge moves to the place where
-    the points behind it end, which corrects the half spacing that points stay inside.
+    counts less: a crown may hide the rest of the roof. So do points closer than half a metre: a branch or a
+    gutter moves them all alike, and in a dense scan its bumps would pay for corners. The first pass has
+    directions all around to choose from; those of its sides, joined to right-angled frames where they agree,
+    are those of the second. So right angles appear unless the points pay for another one, a rounded or hidden
+    corner is drawn where its sides meet, and a spike is left out. Jogs below `detail` go. At last every edge
+    moves to where the points behind it end, which corrects the half spacing that points stay inside.
 
     Formula
     -------
@@ -54,7 +62,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
     on no side, is
 
         Σ_points w d² / 2σ² + Σ_corners corner / |sin τ| + direction · F + stray · Σ_strays w,
-        w = `hidden` for points that a crown may hide, 1 for all others,
+        w = min(1, step / `least_beside`), times `hidden` for points that a crown may hide,
         σ² = (scatter · spacing)² + blur²
 
     and an edge stands before the k-th point of its strip by the mean distance from a random place to the
@@ -70,7 +78,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     drawn, as a regular polygon, where it costs less than the polygon; it costs as much as four right corners.
 
     Before that, points on walls and balconies are set aside: small, narrow surfaces well below a larger one
-    beside them (`low_parts`).
+    beside them (`low_parts`). What falls into parts of the alpha shape, or is joined by a neck narrower than
+    what may be a balcony, is as many buildings, each with its outline.
 
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
     outside, and mostly comes back once more from below. Those pulses fall into a strip as far inside the
@@ -156,13 +165,30 @@ class GlobalFit(LowPartRules, OutlineMethod):
     wall_beside: float = parameter(
         1.0, "distance, in spacings, within which points of a wall have roof points above them", ge=0
     )
-    least_beside: float = parameter(0.5, "and at least within this", unit="m", ge=0)
+    least_beside: float = parameter(
+        0.5,
+        "and at least within this; boundary points nearer to each other count as one",
+        unit="m",
+        gt=0,
+    )
     widest_spot: float = parameter(
         1.0,
         "pulses are divided by an edge within this: the disc of a beam of 0.5 mrad from 2000 m",
         unit="m",
         gt=0,
     )
+
+    def parts(self, points: Points, spacing: float) -> Labels:
+        mesh = triangulate_points(points[:, :2])
+        if mesh is None:
+            return super().parts(points, spacing)
+        spacing = self.spacing_of(mesh, spacing)
+        return alpha_parts(mesh, self.alpha * spacing, self.balcony, self.deep - spacing)
+
+    def spacing_of(self, mesh: Mesh, spacing: float) -> float:
+        """The spacing (m) of the points of a mesh, where they are sparse another than that of the scan."""
+        wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
+        return float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
@@ -174,8 +200,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
                 points = points[~low]
                 mesh = triangulate_points(points[:, :2])
         if mesh is not None:
-            wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
-            spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
+            spacing = self.spacing_of(mesh, spacing)
         rings = traced_rings(
             points,
             mesh,
@@ -226,10 +251,11 @@ class GlobalFit(LowPartRules, OutlineMethod):
         drawing = Drawing(self.detail * spacing, np.inf, sigma, self.corner)
         whole = Polygon(local)
         most = 1.5 * spacing * whole.length
+        alone = min(1.0, whole.length / len(local) / self.least_beside)
         hidden = self.hidden_points(ring, boundary)
         for left in range(TRIES, 0, -1):
             hidden = hidden if left > 1 else np.zeros_like(hidden)
-            weight = np.where(hidden, self.hidden, 1.0)
+            weight = np.where(hidden, self.hidden, 1.0) * alone
             edges = self.cheapest_edges(local, sigma, weight)
             circle = self.cheaper_circle(edges, local, weight, points, spacing, drawing)
             if circle is not None:

@@ -105,26 +105,49 @@ def widen(mesh: Mesh, radius: float, share: float) -> tuple[NDArray[np.bool_], f
     return kept, radius
 
 
-def alpha_parts(xy: NDArray[np.float64], radius: float, share: float) -> Labels:
-    """The part 0, 1, … (N,) of the alpha shape that each point (N, 2) is a corner of, or nearest to.
+def alpha_parts(mesh: Mesh, radius: float, least: float, neck: float = 0.0) -> Labels:
+    """The part 0, 1, … (N,) of the alpha shape of a radius (m) that each point is a corner of, or nearest to.
 
-    A part counts from the square of the radius on: fewer triangles than that are strays.
+    Smaller parts than the `least` (m²) are none. A part that a `neck` (m) or less joins with another is one
+    by itself: what is left of both is as large when all that lies within half the neck of a rim is taken off.
+    Gaps smaller than the least have no rim.
     """
-    number = np.full(len(xy), -1)
-    mesh = triangulate_points(xy)
-    if mesh is None:
-        return np.zeros(len(xy), np.int32)
-    radius = widen(mesh, radius, share)[1]
-    part, count = part_kernel(mesh.neighbours, mesh.radius <= radius)
+    kept = mesh.radius <= radius
+    number = nearest_part(mesh, kept, least, np.zeros(len(mesh.xy), np.int32))
+    return nearest_part(mesh, cores(mesh, kept, 0.5 * neck, least), least, number) if neck > 0.0 else number
+
+
+def nearest_part(mesh: Mesh, kept: NDArray[np.bool_], least: float, within: Labels) -> Labels:
+    """Number 0, 1, … (N,) of the nearest connected part of the kept triangles (T,) of at least so many m², of
+    the same group `within` (N,); a group without such a part is left whole."""
+    part, count = part_kernel(mesh.neighbours, kept)
     area = np.bincount(part, weights=mesh.area, minlength=count + 1)
-    large = [k for k in np.argsort(area[1:], kind="stable") + 1 if area[k] >= radius**2]
-    for k in large:
-        number[mesh.triangles[part == k]] = k
-    if len(large) < 2:
-        return np.zeros(len(xy), np.int32)
-    inside = np.flatnonzero(number >= 0)
-    nearest = inside[cKDTree(xy[inside]).query(xy)[1]]
-    return np.unique(number[nearest], return_inverse=True)[1].astype(np.int32)
+    seed = np.zeros(len(mesh.xy), np.int64)
+    for k in np.argsort(area[1:], kind="stable") + 1:
+        if area[k] >= least:
+            seed[mesh.triangles[part == k]] = k
+    whole = ~np.isin(within, within[seed > 0])
+    seed[whole] = count + 1 + within[whole]
+    inside = np.flatnonzero(seed)
+    place = np.column_stack([mesh.xy, 2.0 * np.ptp(mesh.xy) * within])
+    nearest = inside[cKDTree(place[inside]).query(place)[1]]
+    return np.unique(seed[nearest], return_inverse=True)[1].astype(np.int32)
+
+
+def cores(mesh: Mesh, kept: NDArray[np.bool_], depth: float, gap: float) -> NDArray[np.bool_]:
+    """The triangles (T,) with all corners deeper (m) than that behind the rim of those kept, gaps up to an
+    area (m²) filled."""
+    hole, count = part_kernel(mesh.neighbours, ~kept)
+    area = np.bincount(hole, weights=mesh.area, minlength=count + 1)
+    area[hole[(mesh.neighbours < 0).any(axis=1)]] = np.inf
+    filled = kept | (area < gap)[hole]
+    beside = (mesh.neighbours >= 0) & filled[mesh.neighbours]
+    rim = np.zeros(len(mesh.xy), np.bool_)
+    for k in range(3):
+        side = mesh.triangles[filled & ~beside[:, k]]
+        rim[side[:, (k + 1) % 3]] = rim[side[:, (k + 2) % 3]] = True
+    deep = cKDTree(mesh.xy[rim]).query(mesh.xy)[0] > depth
+    return np.asarray(filled & deep[mesh.triangles].all(axis=1))
 
 
 def largest_part(mesh: Mesh, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

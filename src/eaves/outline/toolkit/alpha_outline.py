@@ -8,7 +8,7 @@ from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Labels, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_parts, traced_rings, triangulate_points
+from eaves.outline.toolkit.alpha import SHARE, alpha_parts, traced_rings, triangulate_points, widen
 
 
 class AlphaOutline(OutlineMethod):
@@ -30,7 +30,11 @@ class AlphaOutline(OutlineMethod):
         raise NotImplementedError
 
     def parts(self, points: Points, spacing: float) -> Labels:
-        return alpha_parts(points[:, :2], self.radius(spacing), self.share)
+        mesh = triangulate_points(points[:, :2])
+        if mesh is None:
+            return super().parts(points, spacing)
+        radius = widen(mesh, self.radius(spacing), self.share)[1]
+        return alpha_parts(mesh, radius, radius**2)  # fewer triangles than that are strays
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3)."""
