@@ -353,7 +353,7 @@ def step_back(coverage: Coverage, planes: Values, places: Values) -> tuple[Cover
 
 
 FIRMNESS = 2.5
-"""Factor on the shortest edge where solids are not sound, applied twice."""
+"""Factor on the shortest edge where solids are not sound, applied up to three times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,7 +380,7 @@ def extrude_plan(
     Faces smaller than the limit (m²), or narrower than the shortest edge, go to their neighbours.
     """
     defect = ""
-    for turn in range(3):
+    for turn in range(4):
         tidied, numbers = tidy(plan, labels, smallest, FIRMNESS**turn * SHORTEST_EDGE)
         solids = extrude(tidied, planes[numbers], ground)
         if solids is None:
