@@ -195,7 +195,7 @@ def build_run(
     if run.options["overwrite"] and run.classified is None:
         set_aside(run.folder, [path for path, _ in edits_and_work(run.folder, run.planned)])
     run = look_at_scan(run)  # while they start
-    if run.by_tiles and set(run.options["outputs"]) & {"classified"}:
+    if run.by_tiles and "classified" in run.options["outputs"]:
         log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
     region = steps.open_region(run, workers, progress)
     return build_region(region, sink, correct)
