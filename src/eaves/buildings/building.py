@@ -239,6 +239,9 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         "corners": sum(map(corner_count, shapely.get_rings(polygon))),
         "box_share": round(float(polygon.area / around), 3),
     }
+    block = footprint if building.block is None else building.block
+    if block.agreement is not None:
+        facts["outline_agreement"] = round(block.agreement, 3)
     if building.ground_seen is not None:
         outline = polygon if building.block is None else building.block.polygon
         rim = shapely.get_coordinates(shapely.segmentize(polygon, CELL))

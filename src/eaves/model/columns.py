@@ -79,6 +79,9 @@ COLUMNS: dict[str, Column] = {
     "box_share": Column(
         "Share of the box", "", "of the least rectangle or circle around the outline, filled"
     ),
+    "outline_agreement": Column(
+        "Agreement of the outline", "", "intersection over union with outlines of half of the boundary points"
+    ),
     "hidden_share": Column("Occluded outline", "", "share of the outline with no ground points beside it"),
     "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured", bool),
     "building_id": Column("Building", "", "id of the building that the face belongs to", str),
@@ -206,7 +209,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("overhang_known_share", "open_share", "stands_free", "wall_certainty", "ground_source"),
         *("ground_distance_m", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
         *("free_wall_s_m2", "free_wall_w_m2", "envelope_m2", "envelope_per_volume"),
-        *("corners", "width_m", "length_m", "box_share", "hidden_share"),
+        *("corners", "width_m", "length_m", "box_share", "outline_agreement", "hidden_share"),
     ),
     "roof_planes": (
         *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),
