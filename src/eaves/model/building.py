@@ -230,7 +230,7 @@ class Solid:
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> solid = nine_roofs_on_a_slope(density=1.0).buildings[0].model().solids["2.2"][0]
     >>> solid.vertices.shape, len(solid.faces), solid.faces[0].surface
-    ((8, 3), 6, 'RoofSurface')
+    ((8, 3), 6, 'GroundSurface')
     """
 
     vertices: Points

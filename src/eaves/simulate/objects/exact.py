@@ -10,8 +10,7 @@ from shapely import Polygon
 from shapely.affinity import translate
 
 from eaves.model import BuildingModel, Footprint, Labels, PointCloud, RoofPlane, Solid
-from eaves.simulate.objects.masses import Plane
-from eaves.simulate.objects.solids import extrude_partition
+from eaves.simulate.objects.masses import Plane, extrude_partition
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +97,9 @@ class ExactBuilding:
         """The closed solid: the faces, extruded straight down from the eaves to the base."""
         if self.shell is not None:
             return self.closed or self.shell
-        return extrude_partition([(face.polygon, face.coefficients) for face in self.faces], self.base)
+        planes = [face.coefficients for face in self.faces]
+        cells = [face.polygon for face in self.faces]
+        return extrude_partition(cells, np.arange(len(cells)), planes, self.base)
 
     def model(self, origin: tuple[float, float] = (0.0, 0.0)) -> BuildingModel:
         """The reference model: LoD 2.2, with the true planes."""

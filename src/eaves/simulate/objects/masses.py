@@ -1,4 +1,4 @@
-"""The roof of a building that is put together from simple masses.
+"""The roof of a building that is put together from simple masses, and the solid under it.
 
 A mass is a plan polygon under the lowest of a few planes: a gable is the lower of two, a hip of four, a
 mansard of eight. A building is several masses, and its roof is the highest of them: wings, dormers,
@@ -8,6 +8,7 @@ construction.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -18,6 +19,11 @@ from shapely import LineString, Polygon
 from shapely.affinity import affine_transform
 
 from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import Integers, Solid, Values
+from eaves.solids.coverage import coverage_of
+from eaves.solids.extrude import close_cells, split_crossings
+from eaves.solids.simplification import drop_straight_nodes
+from eaves.solids.soundness import find_defect
 
 Plane = tuple[float, float, float]
 """Coefficients (a, b, c) of z = a·x + b·y + c."""
@@ -27,6 +33,10 @@ SAME_PLANE = 1e-6
 
 SLIVER_AREA_M2 = 1e-5
 """A cell smaller than this is a rounding of the 1 mm arrangement and joins its highest neighbour's plane."""
+
+NARROWEST = 0.01
+"""A face with a corner nearer than this (m) in plan to another corner or edge of it is refused: rounded to 1
+mm, its triangles would no longer lie in its plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,3 +153,32 @@ def _planes_over(cells: list[Polygon], masses: tuple[Mass, ...]) -> list[tuple[P
             lowest = int(np.argmin(planes[:, :2] @ xy[number] + planes[:, 2]))
             result.append((cell, masses[highest[number]].planes[lowest]))
     return result
+
+
+def extrude_partition(
+    cells: Sequence[Polygon], face: Integers, planes: Sequence[Plane] | Values, base: float
+) -> Solid:
+    """The closed solid between the planes of roof faces and the level `base` (m).
+
+    The cells (C,) of faces `face` (C,) tile the footprint and share their nodes. `Face.plane` of a roof face
+    is its number.
+
+    Raises
+    ------
+    ValueError
+        When that is no sound solid in one piece: it would touch itself, say, or reach down to its base.
+    """
+    plan = coverage_of(np.array(cells, object), COORDINATE_STEP)
+    if plan is None:
+        raise ValueError("the roof faces do not tile the footprint")
+    plan, names = drop_straight_nodes(*plan.merged(face))
+    tops, floors = np.array(planes)[names], np.tile([0.0, 0.0, base], (len(names), 1))
+    plan = split_crossings(plan, tops, floors)
+    if shapely.minimum_clearance(plan.polygons()).min() < NARROWEST:
+        raise ValueError("a face is narrower somewhere than rounding allows")
+    stands = np.ones(len(names), bool)
+    solids, touching = close_cells(plan, tops, floors, stands, names, range(len(planes)))
+    defect = "it touches itself" if len(touching) else " ".join(map(find_defect, solids))
+    if defect or len(solids) != 1:
+        raise ValueError(f"not one sound solid: {defect or f'{len(solids)} pieces'}")
+    return solids[0]
