@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import SNAP
 from eaves.model import Integers, Values
 
@@ -29,54 +30,30 @@ class Boundaries:
     """Shells of faces of rings of points.
 
     `points` (P,) are rows of `vertices` (V, 3), which are integers in units of `step` metres; vertices nearer
-    than the snap tolerance have become one. Ring r is `points[rings[r]:rings[r + 1]]`, face f the rings
-    `faces[f]:faces[f + 1]`, shell s the faces `shells[s]:shells[s + 1]`.
+    than the snap tolerance have become one. `faces` are those of all shells, about the origin of the
+    vertices; shell s has the faces `shells[s]:shells[s + 1]`.
     """
 
     vertices: Integers
     step: float
     points: Integers
-    rings: Integers
-    faces: Integers
+    faces: FaceTable
     shells: Integers
-
-    @property
-    def face_count(self) -> int:
-        """Faces of all shells."""
-        return len(self.faces) - 1
 
     @property
     def shell_count(self) -> int:
         """Shells, also those without faces."""
         return len(self.shells) - 1
 
-    @cached_property
-    def ring_of_point(self) -> Integers:
-        """The ring (P,) of each point."""
-        return np.repeat(np.arange(len(self.rings) - 1), np.diff(self.rings))
-
-    @cached_property
-    def face_of_ring(self) -> Integers:
-        """The face (R,) of each ring."""
-        return np.repeat(np.arange(self.face_count), np.diff(self.faces))
-
-    @cached_property
+    @property
     def face_of_point(self) -> Integers:
         """The face (P,) of each point."""
-        return self.face_of_ring[self.ring_of_point]
+        return self.faces.face_of_corner
 
     @cached_property
     def shell_of_face(self) -> Integers:
         """The shell (F,) of each face."""
         return np.repeat(np.arange(self.shell_count), np.diff(self.shells))
-
-    @cached_property
-    def next_point(self) -> Integers:
-        """Position (P,) of the point that follows along the ring; the last is followed by the first."""
-        following = np.arange(1, len(self.points) + 1)
-        filled = np.flatnonzero(np.diff(self.rings))
-        following[self.rings[1:][filled] - 1] = self.rings[:-1][filled]
-        return following
 
     @cached_property
     def local(self) -> Integers:
@@ -98,10 +75,10 @@ def lay_flat(shells: list[Shell], vertices: Integers, step: float, snap: float =
     faces = list(chain.from_iterable(shells))
     rings = list(chain.from_iterable(faces))
     numbers = np.fromiter(chain.from_iterable(rings), np.int64)
-    rings_end = _offsets([len(ring) for ring in rings])
-    faces_end = _offsets([len(face) for face in faces])
-    shells_end = _offsets([len(shell) for shell in shells])
-    owner = np.repeat(np.arange(len(shells)), np.diff(rings_end[faces_end[shells_end]]))
+    sizes, counts = (np.array([len(part) for part in parts], np.int64) for parts in (rings, faces))
+    table = FaceTable(vertices[numbers].astype(np.float64), sizes, counts)
+    shell_sizes = np.array([len(shell) for shell in shells], np.int64)
+    owner = np.repeat(np.arange(len(shells)), shell_sizes)[table.face_of_corner]
     rows = np.column_stack([owner, vertices[numbers]])
     order = np.lexsort(rows.T[::-1])
     new = np.ones(len(rows), bool)
@@ -110,16 +87,12 @@ def lay_flat(shells: list[Shell], vertices: Integers, step: float, snap: float =
     same[order] = np.cumsum(new) - 1
     places = rows[order[new]]
     merged = _merge_near(places, snap / step)
-    return Boundaries(places[:, 1:], step, merged[same], rings_end, faces_end, shells_end)
+    return Boundaries(places[:, 1:], step, merged[same], table, np.append(0, np.cumsum(shell_sizes)))
 
 
 def to_grid(coordinates: Values, step: float) -> Integers:
     """Coordinates (N, 3) as whole numbers of steps."""
     return np.rint(coordinates / step).astype(np.int64)
-
-
-def _offsets(counts: list[int]) -> Integers:
-    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64)
 
 
 def _merge_near(places: Integers, tolerance_steps: float) -> Integers:

@@ -43,7 +43,7 @@ class Edges:
 
 def collect_edges(boundaries: Boundaries) -> Edges:
     """The edges of all shells, from the sides of their faces' rings."""
-    start, end = boundaries.points, boundaries.points[boundaries.next_point]
+    start, end = boundaries.points, boundaries.points[boundaries.faces.following]
     shell = boundaries.shell_of_face[boundaries.face_of_point]
     keys = np.stack([shell, np.minimum(start, end), np.maximum(start, end)], axis=1)
     unique, of_side = np.unique(keys, axis=0, return_inverse=True)
@@ -124,7 +124,7 @@ def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -
     order = np.argsort(edges.of_side, kind="stable")
     same = np.flatnonzero(edges.of_side[order][1:] == edges.of_side[order][:-1])
     first, second = boundaries.face_of_point[order[same]], boundaries.face_of_point[order[same + 1]]
-    count = boundaries.face_count
+    count = len(boundaries.faces)
     piece = connected_groups_kernel(first, second, count)
     pieces = np.unique(np.stack([boundaries.shell_of_face, piece], axis=1), axis=0)
     number = np.bincount(pieces[:, 0], minlength=boundaries.shell_count)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.rings import area_vector, as_polygon
+from eaves.geometry.face_table import FaceTable
 from eaves.model import Labels, Solid
 from eaves.model.building import GROUND_SURFACE, WALL_SURFACE
 from eaves.model.cloud import BUILDING
@@ -120,35 +120,16 @@ def building_surfaces(building: ExactBuilding) -> ScannedSurfaces:
 
 def _shell_surfaces(building: ExactBuilding, shell: Solid) -> ScannedSurfaces:
     """The faces of a city model as they are, and its lowest ring sunk a little into the ground."""
-    parts = []
-    for face in shell.faces:
-        number = 0 if face.plane is None else building.faces[face.plane].number
-        rings = [shell.vertices[list(ring)] for ring in face.rings]
-        parts.append(ScannedSurfaces.of([triangulate_in_space(rings)], BUILDING, building.number, number))
-        if face.surface == GROUND_SURFACE:
-            high = closed(rings[0])
-            skirt = curtains(high - SKIRT * UP, high)
-            parts.append(ScannedSurfaces.of(skirt, BUILDING, building.number))
-    return ScannedSurfaces.join(parts)
-
-
-def triangulate_in_space(rings: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Triangles (T, 3, 3) of a planar face with holes; none for a face without area."""
-    outer = rings[0]
-    normal = area_vector(outer)
-    if not np.linalg.norm(normal) > 0:
-        return np.zeros((0, 3, 3))
-    axis = int(np.argmax(np.abs(normal)))
-    axes = [k for k in range(3) if k != axis]
-    polygon = as_polygon(Polygon(outer[:, axes], [ring[:, axes] for ring in rings[1:]]))
-    if polygon is None:
-        return np.zeros((0, 3, 3))
-    plan = tile_polygon(polygon)
-    corners = np.empty((*plan.shape[:2], 3))
-    corners[..., axes] = plan
-    centre = outer.mean(axis=0)
-    corners[..., axis] = centre[axis] - (plan - centre[axes]) @ normal[axes] / normal[axis]
-    return corners
+    table = FaceTable.of_solids([shell])
+    corner, face = table.triangles()
+    numbers = np.array([*(face.number for face in building.faces), 0], np.int32)  # 0 for `NO_PLANE`
+    faces = ScannedSurfaces.of(table.corners[corner], BUILDING, building.number)
+    skirts = []
+    for number in np.flatnonzero(shell.surfaces == GROUND_SURFACE).tolist():
+        high = closed(table.rings_of(number)[0])
+        skirts += curtains(high - SKIRT * UP, high)
+    labelled = replace(faces, plane=numbers[shell.planes[face]])
+    return ScannedSurfaces.join([labelled, ScannedSurfaces.of(skirts, BUILDING, building.number)])
 
 
 def _walls_under_eaves(building: ExactBuilding) -> list[NDArray[np.float64]]:
