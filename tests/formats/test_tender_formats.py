@@ -33,7 +33,7 @@ from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint
 from eaves.model.building import Installation
 from eaves.simulate import nine_roofs_on_a_slope
-from eaves.simulate.objects.masses import extrude_partition
+from eaves.simulate.objects.exact import extrude_partition
 from eaves.validate import validate_file
 
 DUTCH = system_of(parse_crs("28992+5709"), "test", (0.0, 0.0))

@@ -207,7 +207,7 @@ class FaceTable:
         clockwise."""
         following = places[self.following]
         twice = places[:, 0] * following[:, 1] - places[:, 1] * following[:, 0]
-        return np.bincount(self.ring_of_corner, twice, minlength=len(self.ring_sizes))
+        return np.asarray(np.bincount(self.ring_of_corner, twice, len(self.ring_sizes)), np.float64)
 
     def triangles(self) -> tuple[Integers, Integers]:
         """Corners (T, 3) and face (T,) of triangles, counter-clockwise from outside.

@@ -18,7 +18,7 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import OVERHANGS, WALL_SURFACE
 from eaves.model.checks import check_points, check_type
-from eaves.solids.half_edges import MOST_ROUNDS
+from eaves.solids.coverage import MOST_ROUNDS
 from eaves.solids.undersides import RoofPlan, build_overhanging, walls_inside
 
 SOURCE = "2.2"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eaves.figures.attributes import describe_roof
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
+from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
     seen_roof,
@@ -21,7 +21,6 @@ from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, candidate_li
 from eaves.solids.coverage import Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import extrude_plan
-from eaves.solids.half_edges import Integers
 
 
 class PlaneIntersection(LineReconstructor):

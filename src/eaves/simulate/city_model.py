@@ -19,11 +19,9 @@ from eaves.geometry.rings import as_polygon
 from eaves.geometry.roof_fit import highest_faces
 from eaves.model import Bounds, Face, Solid, Values
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.simulate.objects.exact import ExactBuilding, ExactFace
-from eaves.simulate.objects.masses import extrude_partition
-from eaves.simulate.objects.surfaces import ScannedSurfaces
+from eaves.simulate.objects.exact import ExactBuilding, ExactFace, extrude_partition
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, grow_tree
 from eaves.simulate.objects.terrain import CELL, Terrain
-from eaves.simulate.objects.vegetation import Foliage, grow_tree
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
 
 logger = logging.getLogger(__name__)

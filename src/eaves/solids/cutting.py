@@ -12,12 +12,13 @@ from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import kernel
-from eaves.model import Mask, Values
-from eaves.solids.coverage import NARROWEST_NECK, SMALLEST_PART, Coverage
-from eaves.solids.half_edges import (
+from eaves.model import Integers, Mask, Values
+from eaves.solids.coverage import (
     MOST_ROUNDS,
+    NARROWEST_NECK,
     OUTSIDE,
-    Integers,
+    SMALLEST_PART,
+    Coverage,
     compact_kernel,
     ring_order_kernel,
 )

@@ -16,8 +16,15 @@ from eaves.methods import Method, parameter
 from eaves.model import Bounds, Grid, Labels, Mask, PointCloud, Values
 from eaves.model.cloud import BRIDGE_DECK, GRID_STEP, WATER
 from eaves.model.doubt import Doubt
-from eaves.raster.groups import ONWARD, group_cells, neighbour_pairs, steps_within
-from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
+from eaves.raster.groups import (
+    ONWARD,
+    closed_by_square,
+    group_cells,
+    grown_by_square,
+    neighbour_pairs,
+    opened_by_square,
+    steps_within,
+)
 
 STAGE = "classes"
 Classes = NDArray[np.uint8]

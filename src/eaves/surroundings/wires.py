@@ -10,9 +10,7 @@ from eaves.detect.toolkit.cells import Cells
 from eaves.methods import Method, parameter
 from eaves.model import Integers, Mask, PointCloud, Points, Values
 from eaves.model.cloud import GRID_STEP, GROUND, UNCLASSIFIED
-from eaves.raster.squares import grown_by_square
-
-Integers = Integers
+from eaves.raster.groups import grown_by_square
 
 
 class WireRules(Method):

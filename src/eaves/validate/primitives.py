@@ -11,15 +11,18 @@ import shapely
 
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import Finding, Integers, Mask
-from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Shell, lay_flat
 from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
     FALL_TOGETHER,
+    LARGEST_EXTENT,
+    Boundaries,
+    Shell,
     Triangles,
     faces_with,
     faces_with_rings_alike,
     faces_with_short_rings,
     fit_planes,
+    lay_flat,
     normal_deviations,
     on_planes,
     shadow_axes,
@@ -27,8 +30,7 @@ from eaves.validate.polygons import (
     triangulate,
     why_invalid,
 )
-from eaves.validate.shells import check_shells
-from eaves.validate.solids import composite_defects, solid_defects, solids_overlap
+from eaves.validate.shells import check_shells, composite_defects, solid_defects, solids_overlap
 
 NORMALS_DEG = 20.0
 """Largest angle between the normals of two triangles of a polygon; val3dity's default `planarity_n_tol`."""

@@ -16,8 +16,14 @@ from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, So
 from eaves.model.cloud import canonical_order
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.parametric_roof import CUT
-from eaves.reconstruct.moments.parts import PartLimits, RoofPart, explained, find_parts
-from eaves.reconstruct.moments.solid import rectangle_of, solids_of
+from eaves.reconstruct.moments.solid import (
+    PartLimits,
+    RoofPart,
+    explained,
+    find_parts,
+    rectangle_of,
+    solids_of,
+)
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.evidence import points_inside
 
