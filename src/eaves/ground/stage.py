@@ -22,9 +22,18 @@ from eaves.methods import (
     naming,
     resolve_method,
 )
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import (
+    GROUND,
+    HIGH_NOISE,
+    LOW_NOISE,
+    NOISE_CLASSES,
+    UNCLASSIFIED,
+    Bounds,
+    Mask,
+    PointCloud,
+    Points,
+)
 from eaves.model.checks import check_type, is_array
-from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
 
 
 class GroundMethod(Method):

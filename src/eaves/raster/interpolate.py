@@ -8,8 +8,7 @@ from scipy import ndimage
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.kernels import kernel
-from eaves.model import Grid, Integers, Mask, Points, Raster, Values
-from eaves.model.cloud import GRID_STEP
+from eaves.model import GRID_STEP, Grid, Integers, Mask, Points, Raster, Values
 
 FARTHEST_CELLS = 1 << 24
 """More cells than a raster has along a side."""

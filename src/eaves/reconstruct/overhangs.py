@@ -15,8 +15,7 @@ from shapely import Polygon
 from eaves.figures.attributes import LEAST_SHOWN, surface_heights
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
-from eaves.model.building import OVERHANGS, WALL_SURFACE
+from eaves.model import OVERHANGS, WALL_SURFACE, Bounds, BuildingModel, Mask, Points, Solid, Values
 from eaves.model.checks import check_points, check_type
 from eaves.solids.coverage import MOST_ROUNDS
 from eaves.solids.undersides import RoofPlan, build_overhanging, walls_inside

@@ -17,8 +17,7 @@ from eaves.geometry.face_table import FaceTable
 from eaves.geometry.inside import edges_of
 from eaves.geometry.rings import as_polygon
 from eaves.geometry.roof_fit import highest_faces
-from eaves.model import Bounds, Face, Solid, Values
-from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE, Bounds, Face, Solid, Values
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace, extrude_partition
 from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, grow_tree
 from eaves.simulate.objects.terrain import CELL, Terrain

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model.cloud import GROUND, WATER
+from eaves.model import GROUND, WATER
 from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces
 from eaves.simulate.objects.terrain import Terrain
 

@@ -10,8 +10,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.model import Bounds, CoordinateSystem, Values
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Values
 from eaves.simulate.objects.clutter import hang_power_line, install, park_car, put_fence, span_bridge
 from eaves.simulate.objects.exact import ExactBuilding, Mass, Plane
 from eaves.simulate.objects.roofs import make_building

@@ -13,8 +13,7 @@ from eaves.geometry.planes import eigen_kernel
 from eaves.geometry.rings import following_places
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import kernel
-from eaves.model import Mask, Points, Solid
-from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
+from eaves.model import ROOF_SURFACE, WALL_SURFACE, Mask, Points, Solid
 
 FLATTEST_SHARE = 0.9
 """Share of `PLANARITY` a face may use; the rest is for the rounding of written coordinates."""

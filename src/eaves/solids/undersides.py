@@ -13,8 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import Integers, Solid
-from eaves.model.building import NO_PLANE, ROOF_SURFACE
+from eaves.model import NO_PLANE, ROOF_SURFACE, Integers, Solid
 from eaves.solids.coverage import (
     NARROWEST_NECK,
     OUTSIDE,

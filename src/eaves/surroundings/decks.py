@@ -13,9 +13,7 @@ from eaves.ground.toolkit.floor import Floor, WorldGrids
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
-from eaves.model import Bounds, Grid, Labels, Mask, PointCloud, Values
-from eaves.model.cloud import BRIDGE_DECK, GRID_STEP, WATER
-from eaves.model.doubt import Doubt
+from eaves.model import BRIDGE_DECK, GRID_STEP, WATER, Bounds, Doubt, Grid, Labels, Mask, PointCloud, Values
 from eaves.raster.groups import (
     ONWARD,
     closed_by_square,

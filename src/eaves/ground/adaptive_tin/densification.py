@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Mask, Points, Values
-from eaves.model.cloud import GRID_STEP
+from eaves.model import GRID_STEP, Mask, Points, Values
 
 UPRIGHT = np.inf
 """Slope (1) of a facet that has no area."""

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.ground.toolkit.floor import COARSEST_M
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import GRID_STEP, Bounds, Doubt, Mask, PointCloud, Points
 from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP
-from eaves.model.doubt import Doubt
 from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY, empty_raster, lowest_points, whole_cells
 from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from eaves.ground.toolkit.outliers import without_pits
 from eaves.kernels import kernel
-from eaves.model import Bounds, Grid, PointCloud, Points
-from eaves.model.cloud import GRID_STEP
-from eaves.model.doubt import Doubt
+from eaves.model import GRID_STEP, Bounds, Doubt, Grid, PointCloud, Points
 
 FINEST_M = 1.5
 """Side of the finest cells: two of them are as wide as a way that a car takes. Fixed, for floors are kept

@@ -13,9 +13,7 @@ from eaves.geometry.components import connected_groups_kernel
 from eaves.ground.toolkit.floor import Floor, WorldGrids
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
-from eaves.model import Bounds, Grid, Integers, Labels, Mask, PointCloud, Points, Values
-from eaves.model.cloud import GRID_STEP
-from eaves.model.doubt import Doubt
+from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, PointCloud, Points, Values
 from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells, nearest_cells
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)

@@ -12,8 +12,7 @@ from shapely import Polygon
 from eaves.figures.attributes import describe_roof
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
-from eaves.model.cloud import canonical_order
+from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid, canonical_order
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.parametric_roof import CUT
 from eaves.reconstruct.moments.solid import (

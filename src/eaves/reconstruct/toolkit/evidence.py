@@ -15,8 +15,18 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.planes import LINE_RATIO, add_point_kernel, plane_of_sums_kernel
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.kernels import kernel
-from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Mask, Points, RoofPlane, Values
-from eaves.model.building import NO_PLANE
+from eaves.model import (
+    NO_PLANE,
+    BuildingModel,
+    Failure,
+    Footprint,
+    Integers,
+    Labels,
+    Mask,
+    Points,
+    RoofPlane,
+    Values,
+)
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.solids.extrude import LOWEST_ROOF
 

@@ -19,8 +19,7 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import parameter
-from eaves.model import Bounds, Installation, Integers, Mask, Points, Solid, Values
-from eaves.model.building import ROOF_SURFACE
+from eaves.model import ROOF_SURFACE, Bounds, Installation, Integers, Mask, Points, Solid, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.solids.coverage import NARROWEST_NECK, OUTSIDE, Coverage, coverage_of, cut_polygons

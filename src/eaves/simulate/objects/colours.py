@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eaves.model.cloud import BUILDING, GROUND, HIGH_VEGETATION, LOW_VEGETATION
+from eaves.model import BUILDING, GROUND, HIGH_VEGETATION, LOW_VEGETATION
 from eaves.simulate.objects.exact import ExactScene
 
 BANDS = ("red", "green", "blue", "nir")

@@ -12,9 +12,16 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.face_table import FaceTable
-from eaves.model import Labels, Solid
-from eaves.model.building import GROUND_SURFACE, WALL_SURFACE
-from eaves.model.cloud import BUILDING, HIGH_VEGETATION, LOW_VEGETATION, MEDIUM_VEGETATION
+from eaves.model import (
+    BUILDING,
+    GROUND_SURFACE,
+    HIGH_VEGETATION,
+    LOW_VEGETATION,
+    MEDIUM_VEGETATION,
+    WALL_SURFACE,
+    Labels,
+    Solid,
+)
 from eaves.simulate.objects.exact import ExactBuilding
 
 UP = np.array([0.0, 0.0, 1.0])
