@@ -44,7 +44,7 @@ def trace_contours(raster: Raster, levels: Values) -> list[Contour]:
 
     A line is open where it meets the rim or an empty cell. A saddle is cut by the mean of its four cells.
     """
-    found = []
+    contours = []
     values = raster.values.astype(np.float64)
     for level in levels:
         places, starts, closed = contour_kernel(values, float(level))
@@ -53,8 +53,8 @@ def trace_contours(raster: Raster, levels: Values) -> list[Contour]:
             raster.north - (places[:, 0] + 0.5) * raster.cell,
         ]
         for k, ring in enumerate(closed):
-            found.append(Contour(float(level), xy[starts[k] : starts[k + 1]], bool(ring)))
-    return found
+            contours.append(Contour(float(level), xy[starts[k] : starts[k + 1]], bool(ring)))
+    return contours
 
 
 @kernel
@@ -112,29 +112,29 @@ def contour_kernel(
     places = np.empty((total, 2))
     starts = np.empty(total + 1, np.int64)
     closed = np.empty(total, np.bool_)
-    done = np.zeros(len(links), np.bool_)
-    lines, used = 0, 0
+    visited = np.zeros(len(links), np.bool_)
+    lines, corners = 0, 0
     for sweep in range(2):  # open lines from their ends first, then the rings
         for node in range(len(links)):
-            if done[node] or links[node, 0] < 0 or (sweep == 0 and links[node, 1] >= 0):
+            if visited[node] or links[node, 0] < 0 or (sweep == 0 and links[node, 1] >= 0):
                 continue
-            starts[lines], closed[lines] = used, sweep == 1
+            starts[lines], closed[lines] = corners, sweep == 1
             lines += 1
             at = node
-            while at >= 0 and not done[at]:
-                done[at] = True
+            while at >= 0 and not visited[at]:
+                visited[at] = True
                 row, column = (at // 2) // columns, (at // 2) % columns
                 low = values[row, column]
                 high = values[row, column + 1] if at % 2 == 0 else values[row + 1, column]
                 share = (level - low) / (high - low)
-                places[used, 0] = row + (0.0 if at % 2 == 0 else share)
-                places[used, 1] = column + (share if at % 2 == 0 else 0.0)
-                used += 1
+                places[corners, 0] = row + (0.0 if at % 2 == 0 else share)
+                places[corners, 1] = column + (share if at % 2 == 0 else 0.0)
+                corners += 1
                 following = links[at, 0]
-                if following < 0 or done[following]:
+                if following < 0 or visited[following]:
                     following = links[at, 1]
                 at = following
-    starts[lines] = used
+    starts[lines] = corners
     return places, starts[: lines + 1], closed[:lines]
 
 

@@ -334,10 +334,10 @@ class Arrangement(ObjectLimits):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The model of one building from its points (N, 3) and roof planes."""
-        seen = seen_roof(points, footprint)
-        if isinstance(seen, Failure):
-            return seen
-        inside, top = seen
+        seen_points = seen_roof(points, footprint)
+        if isinstance(seen_points, Failure):
+            return seen_points
+        inside, top = seen_points
         roof = points[top]
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
@@ -376,19 +376,19 @@ class Arrangement(ObjectLimits):
         if emit is not ignore:
             emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
-        known = (plan, chosen, coefficients, ground)
-        fine = extrude_plan(*known, self.smallest)
+        inputs = (plan, chosen, coefficients, ground)
+        fine = extrude_plan(*inputs, self.smallest)
         solids = coarse_solids(plan, roof, ground, self.level_jump, self.smallest, located)
-        near: dict[str, float] = {}
+        shares: dict[str, float] = {}
         for lod, parts in solids.items():
             alike = lod != "1.2" and parts is solids.get("1.2")
-            near[lod] = near["1.2"] if alike else share_near(parts, roof)
+            shares[lod] = shares["1.2"] if alike else share_near(parts, roof)
         if planes and plan.count > 1:
             smallest = min(self.simple_smallest, self.simple_share * float(plan.area.sum()))
-            simple = without_numbers(extrude_plan(*known, smallest).solids)
+            simple = without_numbers(extrude_plan(*inputs, smallest).solids)
             share = share_near(simple, roof)
-            if simple and not self.compare("2.0", share, near):
-                solids["2.0"], near["2.0"] = simple, share
+            if simple and not self.compare("2.0", share, shares):
+                solids["2.0"], shares["2.0"] = simple, share
         fallback: dict[str, Any] = {}
         surface: Surface | None = None
         if not planes:
@@ -397,7 +397,7 @@ class Arrangement(ObjectLimits):
             fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
         else:
             surface = surface_heights(fine.solids, roof[:, :2])
-            fallback = self.compare("2.2", share_near(fine.solids, roof, surface), near)
+            fallback = self.compare("2.2", share_near(fine.solids, roof, surface), shares)
         if not fallback:
             solids["2.2"] = fine.solids
             solids.setdefault("2.0", without_numbers(fine.solids))
@@ -407,9 +407,9 @@ class Arrangement(ObjectLimits):
             return Failure(
                 "not_closed", f"no level gave a closed solid: {fine.defect}", self.stage, footprint
             )
-        kept = coefficients[fine.labels] if "2.2" in solids else np.zeros((0, 3))
+        fine_planes = coefficients[fine.labels] if "2.2" in solids else np.zeros((0, 3))
         model = BuildingModel(footprint, solids)
-        model = model.with_(planes=faces_as_planes(model, kept, points, top, surface))
+        model = model.with_(planes=faces_as_planes(model, fine_planes, points, top, surface))
         facts = describe_roof(model, points[inside], roof, ground, surface)
         if "2.2" in solids:
             facts["surfaces"] = facts["roof_faces"]
@@ -474,10 +474,10 @@ class Arrangement(ObjectLimits):
         """Why a level with a share of the points near it is given up for one of those `coarser`, as
         attributes; empty if not.
         """
-        for other, its in sorted(coarser.items(), reverse=True):
+        for rival, its in sorted(coarser.items(), reverse=True):
             if share < its - self.worse_by:
-                found = f"{share:.0%} of the points within {NEAR_M} m at LoD {lod}, {its:.0%} at LoD {other}"
-                return fallen_back("poor_fit", found)
+                reason = f"{share:.0%} of the points within {NEAR_M} m at LoD {lod}, {its:.0%} at LoD {rival}"
+                return fallen_back("poor_fit", reason)
         return {}
 
 

@@ -128,7 +128,7 @@ def _shells(item: CityObject) -> tuple[Solid, ...]:
     finest = max(item.geometries, key=lambda geometry: geometry.lod, default=None)
     if finest is None:
         return ()
-    shells = (Solid.of(one.vertices, filter(has_corners, one.faces)) for one in item.as_solids(finest))
+    shells = (Solid.of(solid.vertices, filter(has_corners, solid.faces)) for solid in item.as_solids(finest))
     return tuple(solid for solid in shells if len(solid.corners))
 
 

@@ -178,8 +178,8 @@ def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -
     inner = np.unique(start[on_rim] * size + end[on_rim])
     edge = np.unique(np.minimum(start, end) * size + np.maximum(start, end))
     while True:
-        one, other = edge // size, edge % size
-        start, end = np.concatenate([one, other]), np.concatenate([other, one])
+        cell_a, cell_b = edge // size, edge % size
+        start, end = np.concatenate([cell_a, cell_b]), np.concatenate([cell_b, cell_a])
         twin = np.roll(np.arange(len(start)), len(edge))
         halves, first = ring_order_kernel(next_clockwise(nodes, start, end)[twin])
         ring = np.empty(len(start), np.int64)
@@ -201,8 +201,8 @@ def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -
         ring_edges = (nodes[start[around]], nodes[end[around]], cell[ring[around]], int(cell.max()) + 1)
         hole, cells = points_in_polygons(places, *ring_edges)
         outer = np.flatnonzero(area > 0.0)
-        other = part[outer[cells]] != part[holes[hole]]
-        hole, cells = hole[other], cells[other]
+        cell_b = part[outer[cells]] != part[holes[hole]]
+        hole, cells = hole[cell_b], cells[cell_b]
         least = np.argsort(-area[outer[cells]], kind="stable")
         cell[holes[hole[least]]] = cells[least]
     cell = cell[ring]

@@ -68,8 +68,8 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
     step = rules.tolerance(float(np.median(even)) if len(even) else 0.0)
     piece, count = terrace_pieces(objects, residual, step)
     # cells without a point of their own kind beside them were interpolated, and have no area
-    held = objects & near_cells(occupied & objects, ADJOINING)
-    size = np.bincount(piece[held], minlength=count + 1) * surface.cell**2
+    covered = objects & near_cells(occupied & objects, ADJOINING)
+    size = np.bincount(piece[covered], minlength=count + 1) * surface.cell**2
     level, down, high = rim_kernel(objects, piece, count, residual, z, step, occupied, rules.wall)
     broad = np.bincount(piece[~near_cells(~objects, (2 * LOOK_CELLS) ** 2)], minlength=count + 1) > 0
     share = rules.level_share * (rules.wide_area / np.maximum(size, surface.cell**2)) ** 0.25
@@ -81,10 +81,10 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
 
 def terrace_pieces(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
     """Numbers (H, W) of object cells joined by residuals under `step`, 0 elsewhere; how many there are."""
-    one, two = neighbour_pairs(objects, steps=BESIDE)
+    first, second = neighbour_pairs(objects, steps=BESIDE)
     columns = objects.shape[1]
-    joined = residual[np.where(two - one == columns, 1, 0), *np.divmod(one, columns)] < step
-    return group_cells(objects, one[joined], two[joined])
+    joined = residual[np.where(second - first == columns, 1, 0), *np.divmod(first, columns)] < step
+    return group_cells(objects, first[joined], second[joined])
 
 
 @kernel
@@ -121,7 +121,7 @@ def rim_kernel(
     residual: NDArray[np.float64],
     z: NDArray[np.float64],
     step: float,
-    known: Mask,
+    occupied: Mask,
     wall: float,
 ) -> NDArray[np.float64]:
     """Cell sides (3, count + 1) where each piece meets ground without a step, where it steps down, and where
@@ -135,7 +135,7 @@ def rim_kernel(
                 r, c = row + k, column + 1 - k
                 if r >= rows or c >= columns or piece[r, c] == piece[row, column]:
                     continue
-                if not known[r, c] or not known[row, column]:
+                if not occupied[r, c] or not occupied[row, column]:
                     continue
                 if residual[k, row, column] < step:
                     if objects[row, column] != objects[r, c]:

@@ -85,17 +85,17 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     surface to another is at least two cells wide.
     """
     step = min(rules.wall, max(rules.wall / 2, cell))
-    known = np.isfinite(heights)
-    z = np.where(known, heights, ndimage.minimum_filter(np.where(known, heights, np.inf), 3))
+    occupied = np.isfinite(heights)
+    z = np.where(occupied, heights, ndimage.minimum_filter(np.where(occupied, heights, np.inf), 3))
     z = np.where(np.isfinite(z), z, np.nan).astype(np.float32)
     square, count = ndimage.label(squares_kernel(z, np.float32(step)))
     label = cells_kernel(np.asarray(square, np.int32))
     area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
     area[0] = 0.0
-    sides = rim_kernel(z, known, label, LOOK_CELLS, max(rules.wall, cell), step)
+    sides = rim_kernel(z, occupied, label, LOOK_CELLS, max(rules.wall, cell), step)
     key, length = np.unique(sides, return_counts=True)
-    one, rest = np.divmod(key, KIND_COUNT * (count + 1))
-    contacts = np.stack([one, rest // KIND_COUNT, rest % KIND_COUNT], axis=-1)
+    surface, code = np.divmod(key, KIND_COUNT * (count + 1))
+    contacts = np.stack([surface, code // KIND_COUNT, code % KIND_COUNT], axis=-1)
     return Surfaces(cell, z, label, np.asarray(area, np.float64), contacts, length.astype(np.float64))
 
 
@@ -109,7 +109,7 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     wall's foot, so the strongest contradictions come first.
     """
     area, contacts = surfaces.area, surfaces.contacts
-    one, other, _ = contacts.T
+    surface, beyond, _ = contacts.T
     wide = area >= rules.wide_area
     everything = surfaces.rims(np.ones(len(contacts), bool))
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
@@ -119,7 +119,7 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     terrain[widest] = True
     terrain[0] = False
     while True:
-        facing = surfaces.rims(terrain[other] & (other > 0))
+        facing = surfaces.rims(terrain[beyond] & (beyond > 0))
         met = facing[:, DOWN:VOID].sum(axis=1)
         share = facing[:, DOWN] / np.maximum(met, 1.0)
         joined = facing[:, LEVEL] + facing[:, UP]
@@ -129,17 +129,17 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
         if objects.any():
             terrain |= objects & (share <= max(0.5, float(share[objects].min())))
             continue
-        inner = ~terrain[one] & ~terrain[other] & (other > 0)
-        group = connected_groups_kernel(one[inner], other[inner], len(area))
+        inner = ~terrain[surface] & ~terrain[beyond] & (beyond > 0)
+        group = connected_groups_kernel(surface[inner], beyond[inner], len(area))
         count = int(group.max()) + 1
         down, together, void, outer = (
             np.bincount(group, np.where(terrain, 0.0, of), count)
             for of in (facing[:, DOWN], met, everything[:, VOID], rim)
         )
-        outer -= np.bincount(group[one[inner]], surfaces.length[inner], count)
+        outer -= np.bincount(group[surface[inner]], surfaces.length[inner], count)
         outer = np.maximum(outer, 1.0)
-        known = (together >= rules.rim_known * outer) & (void <= rules.rim_void * outer)
-        stands = known & (down >= rules.wall_share * together)
+        evident = (together >= rules.rim_known * outer) & (void <= rules.rim_void * outer)
+        stands = evident & (down >= rules.wall_share * together)
         objects = ~terrain & wide & ~stands[group]
         if not objects.any():
             break
@@ -154,22 +154,22 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     return PlateauVerdict(terrain, raised)
 
 
-def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
-    """Height (K + 1,) of each wanted surface over the surface `base` where they are nearest; 0 for the
+def height_over(surfaces: Surfaces, base: int, chosen: Mask) -> Values:
+    """Height (K + 1,) of each chosen surface over the surface `base` where they are nearest; 0 for the
     others.
     """
     over = np.zeros(len(surfaces.area))
-    at = np.flatnonzero(wanted[surfaces.label])
+    at = np.flatnonzero(chosen[surfaces.label])
     if len(at) == 0:
         return over
-    there = surfaces.label == base
-    rows, columns = np.divmod(at, there.shape[1])
-    near_rows, near_columns = nearest_cells(there, rows, columns)
+    at_base = surfaces.label == base
+    rows, columns = np.divmod(at, at_base.shape[1])
+    near_rows, near_columns = nearest_cells(at_base, rows, columns)
     away = np.hypot(near_rows - rows, near_columns - columns)
-    own = surfaces.label.ravel()[at]
-    order = np.lexsort((at, away, own))
-    first = order[np.r_[True, np.diff(own[order]) > 0]]
-    over[own[first]] = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
+    surface = surfaces.label.ravel()[at]
+    order = np.lexsort((at, away, surface))
+    first = order[np.r_[True, np.diff(surface[order]) > 0]]
+    over[surface[first]] = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
     return over
 
 
@@ -205,19 +205,19 @@ def cells_kernel(square: Labels) -> Labels:
 
 
 @kernel
-def rim_kernel(z: Grid, known: Mask, label: Labels, looks: int, down: float, step: float) -> Integers:
+def rim_kernel(z: Grid, occupied: Mask, label: Labels, looks: int, down: float, step: float) -> Integers:
     """For each side of a cell (H, W) on a surface's rim: surface, surface beyond, and kind, as one number.
 
     The first surface within `looks` cells is what is beyond; one's own means that there is no rim.
     """
     rows, columns = z.shape
     count = np.int64(label.max()) + 1
-    found = np.empty(4 * rows * columns, np.int64)
-    used = 0
+    sides = np.empty(4 * rows * columns, np.int64)
+    count_sides = 0
     for row in range(rows):
         for column in range(columns):
-            mine = label[row, column]
-            if mine == 0:
+            surface = label[row, column]
+            if surface == 0:
                 continue
             for side in range(4):
                 dr = 1 if side == 1 else (-1 if side == 3 else 0)
@@ -228,21 +228,21 @@ def rim_kernel(z: Grid, known: Mask, label: Labels, looks: int, down: float, ste
                     if r < 0 or c < 0 or r >= rows or c >= columns:
                         break
                     if label[r, c] == 0:
-                        kind = UNKNOWN if known[r, c] else kind
+                        kind = UNKNOWN if occupied[r, c] else kind
                         continue
-                    if label[r, c] == mine:
-                        beyond = mine
+                    if label[r, c] == surface:
+                        beyond = surface
                         break
-                    if not known[r, c]:
+                    if not occupied[r, c]:
                         continue
                     beyond = label[r, c]
                     fall = z[row, column] - z[r, c]
                     kind = DOWN if fall >= down else (UP if fall <= -step else LEVEL)
                     break
-                if beyond != mine:
-                    found[used] = (mine * count + beyond) * KIND_COUNT + kind
-                    used += 1
-    return found[:used].copy()
+                if beyond != surface:
+                    sides[count_sides] = (surface * count + beyond) * KIND_COUNT + kind
+                    count_sides += 1
+    return sides[:count_sides].copy()
 
 
 DOUBT_M2 = 500.0
@@ -293,19 +293,19 @@ class WideObjects:
 
     def terrain_beneath(self, bounds: Bounds, origin: tuple[float, float]) -> Points:
         """Points (K, 3) of the terrain beneath, those within `bounds`; local metres about `origin`."""
-        found = [np.zeros((0, 3))]
+        parts = [np.zeros((0, 3))]
         for patch in self.patches:
             rows, columns = np.nonzero(np.isfinite(patch.terrain))
             x = (patch.west + columns + 0.5) * patch.cell - origin[0]
             y = (patch.north - rows + 0.5) * patch.cell - origin[1]
             points = np.c_[x, y, patch.terrain[rows, columns]]
-            found.append(points[bounds.contains(points)])
-        return np.concatenate(found)
+            parts.append(points[bounds.contains(points)])
+        return np.concatenate(parts)
 
     def doubts_in(self, bounds: Bounds) -> tuple[Doubt, ...]:
         """The doubts within `bounds`, world metres."""
-        some = [doubt for patch in self.patches for doubt in patch.doubts]
-        return tuple(one for one in some if bounds.contains(np.array([[one.x, one.y]]))[0])
+        doubts = [doubt for patch in self.patches for doubt in patch.doubts]
+        return tuple(doubt for doubt in doubts if bounds.contains(np.array([[doubt.x, doubt.y]]))[0])
 
 
 def find_wide_objects(floor: Floor, rules: PlateauRules) -> Patch:
@@ -370,10 +370,10 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     support = terrain & near_cells(region, LOOK_CELLS**2) & np.isfinite(floor.lowest)
     beneath = nothing
     if support.sum() >= 3:
-        wanted = region & ~terrain
-        beneath = np.where(wanted, interpolate_cells(surfaces.z, support, wanted), nothing)
-    known = terrain & np.isfinite(surfaces.z)
-    ground = np.where(known, surfaces.z, beneath)
+        hidden = region & ~terrain
+        beneath = np.where(hidden, interpolate_cells(surfaces.z, support, hidden), nothing)
+    visible = terrain & np.isfinite(surfaces.z)
+    ground = np.where(visible, surfaces.z, beneath)
     ceiling = np.where(region, ground + rules.wall / 2 + rise_within(ground), np.nan)
     core = ~near_cells(~inside, ADJOINING)
     return Patch(
@@ -468,14 +468,14 @@ def middle_kernel(values: NDArray[np.float32]) -> Grid:
     """The middle (H, W) of some values (K, H, W), the upper one of two; NaN is more than any."""
     looks, rows, columns = values.shape
     middle = np.empty((rows, columns), np.float32)
-    one = np.empty(looks, np.float32)
+    sorted_values = np.empty(looks, np.float32)
     for row in range(rows):
         for column in range(columns):
             for k in range(looks):
                 value, place = values[k, row, column], k
-                while place > 0 and (np.isnan(one[place - 1]) or one[place - 1] > value):
-                    one[place] = one[place - 1]
+                while place > 0 and (np.isnan(sorted_values[place - 1]) or sorted_values[place - 1] > value):
+                    sorted_values[place] = sorted_values[place - 1]
                     place -= 1
-                one[place] = value
-            middle[row, column] = one[looks // 2]
+                sorted_values[place] = value
+            middle[row, column] = sorted_values[looks // 2]
     return middle

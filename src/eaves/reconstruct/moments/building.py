@@ -223,13 +223,13 @@ def fit_building(
     moments = surface_moments(points, triangles)
     if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
-    given = None if plan is None else rectangle_around(plan)
-    forms, best = solve_closed(points, triangles, given)
+    rectangle = None if plan is None else rectangle_around(plan)
+    forms, best = solve_closed(points, triangles, rectangle)
     if not closed_only:
-        best = choose_fit(points, forms, turns=given is None)
+        best = choose_fit(points, forms, turns=rectangle is None)
     inlier = np.abs(best.residuals) <= CUT * best.scale
-    if given is not None or closed_only:
-        frame = frame_of(best, given or forms[0])
+    if rectangle is not None or closed_only:
+        frame = frame_of(best, rectangle or forms[0])
     else:
         rim = inlier | ((best.residuals > 0.0) & (best.residuals < HIGHEST_PARAPET))
         if best.form == PLANE:
@@ -300,13 +300,13 @@ def choose_fit(points: Points, closed: list[ClosedForm], turns: bool) -> Paramet
     """The fit that explains the points best for its number of parameters, from a closed solution, in whose
     axes it stays unless it `turns`; a hip whose ends hardly fall is a gable."""
     centre = np.array([closed[0].x, closed[0].y])
-    some = points[:: max(1, len(points) // CHOICE_POINTS)]
+    sample = points[:: max(1, len(points) // CHOICE_POINTS)]
     fits = []
     for solution in closed:
         form, start = parameters_of(solution)
         if form == HIP:
             start[HALF_RIDGE] += 0.25 * solution.width  # half-way to a gable: half-hips are found from there
-        fits.append(fit_parametric_roof(form, some, centre, start, LEAST_NOISE, turns=turns))
+        fits.append(fit_parametric_roof(form, sample, centre, start, LEAST_NOISE, turns=turns))
     fits = [fit for fit in fits if is_roof(fit)]
     for choice in np.argsort(costs_of(fits), kind="stable"):
         form, start = fits[choice].form, fits[choice].parameters

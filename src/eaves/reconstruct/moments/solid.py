@@ -122,10 +122,10 @@ def find_parts(house: ParametricBuilding, points: Points, limits: PartLimits) ->
     step = max(CUT * house.fit.scale, limits.tolerance)
     parts = []
     for sign in (1.0, -1.0):
-        some = np.flatnonzero(inside & (sign * away > step))
-        for inner in clusters_of(points[some], limits.part_link * spacing):
+        outliers = np.flatnonzero(inside & (sign * away > step))
+        for inner in clusters_of(points[outliers], limits.part_link * spacing):
             if len(inner) * spacing**2 >= limits.min_part_area and len(inner) >= 5:
-                part = shape_part(house, points, some[inner], sign > 0, limits)
+                part = shape_part(house, points, outliers[inner], sign > 0, limits)
                 if part is not None:
                     parts.append(part)
     return sorted(parts, key=lambda part: (-len(part.members), int(part.members[0])))
@@ -148,18 +148,18 @@ def shape_part(
     limits: PartLimits,
 ) -> RoofPart | None:
     """The rectangle and planes of a part: one plane, or a small gable across the ridge; None for scatter."""
-    own = points[members]
-    u, v = house.fit.axes(own)
+    points_of_part = points[members]
+    u, v = house.fit.axes(points_of_part)
     start = np.zeros(8)
-    start[ANGLE], start[TOP] = house.fit.parameters[ANGLE], float(np.median(own[:, 2]))
-    fit = fit_parametric_roof(PLANE, own, house.fit.centre, start, LEAST_NOISE)
+    start[ANGLE], start[TOP] = house.fit.parameters[ANGLE], float(np.median(points_of_part[:, 2]))
+    fit = fit_parametric_roof(PLANE, points_of_part, house.fit.centre, start, LEAST_NOISE)
     planes = main_planes(fit)
     if fit.scale > 2.0 * house.fit.scale and len(members) >= FEWEST_POINTS:
         start[ANGLE] += np.pi / 2.0
         start[2] = -float(np.median(u))
-        start[TOP] = float(np.quantile(own[:, 2], 0.95))
+        start[TOP] = float(np.quantile(points_of_part[:, 2], 0.95))
         start[LEFT_SLOPE] = start[RIGHT_SLOPE] = 0.7
-        small = fit_parametric_roof(GABLE, own, house.fit.centre, start, LEAST_NOISE)
+        small = fit_parametric_roof(GABLE, points_of_part, house.fit.centre, start, LEAST_NOISE)
         p = small.parameters
         if small.scale < fit.scale and min(p[LEFT_SLOPE], p[RIGHT_SLOPE]) > 0.1:
             fit = small
@@ -209,14 +209,14 @@ def reach_main_roof(
 def explained(house: ParametricBuilding, parts: list[RoofPart], points: Points, tolerance: float) -> Mask:
     """The points (N, 3) inside that lie within `tolerance` (m) of the main roof, or belong to a part."""
     slope = np.cos(house.slope)
-    known = np.abs(house.fit.residuals) * slope <= tolerance
+    fits = np.abs(house.fit.residuals) * slope <= tolerance
     for part in parts:
-        known[part.members] = True
+        fits[part.members] = True
     west, east, south, north = house.edges
     u, v = house.fit.axes(points)
     rim = tolerance
     inside = (u >= west - rim) & (u <= east + rim) & (v >= south - rim) & (v <= north + rim)
-    return np.asarray(known & inside)
+    return np.asarray(fits & inside)
 
 
 Edges = tuple[float, float, float, float]
@@ -249,8 +249,8 @@ def solids_of(
         return None
     inside = shapely.get_coordinates(shapely.point_on_surface(coverage.polygons()))
     label, planes = name_cells(house, parts, inside)
-    merged, kept = coverage.merged(label)
-    world = np.array([to_world_plane(house, plane) for plane in planes])[kept]
+    merged, names = coverage.merged(label)
+    world = np.array([to_world_plane(house, plane) for plane in planes])[names]
     solids = extrude(merged, world, base)
     if not solids or any(find_defect(solid) for solid in solids):
         return None
@@ -276,15 +276,15 @@ def reach_out(segments: NDArray[np.float64], edges: Edges) -> NDArray[np.float64
     corners stay, for they are set onto the corner, and a hip beside its corner would leave a sliver.
     """
     west, east, south, north = edges
-    answer = segments.copy()
-    for end, other in ((slice(0, 2), slice(2, 4)), (slice(2, 4), slice(0, 2))):
-        place, way = segments[:, end], segments[:, end] - segments[:, other]
-        near = np.column_stack([np.abs(place[:, :1] - [west, east]), np.abs(place[:, 1:] - [south, north])])
-        on = (near < 1e-6).any(axis=1)
-        corner = (near[:, :2].min(axis=1) < OVERSHOOT) & (near[:, 2:].min(axis=1) < OVERSHOOT)
+    reached = segments.copy()
+    for end, far in ((slice(0, 2), slice(2, 4)), (slice(2, 4), slice(0, 2))):
+        place, way = segments[:, end], segments[:, end] - segments[:, far]
+        gaps = np.column_stack([np.abs(place[:, :1] - [west, east]), np.abs(place[:, 1:] - [south, north])])
+        on = (gaps < 1e-6).any(axis=1)
+        corner = (gaps[:, :2].min(axis=1) < OVERSHOOT) & (gaps[:, 2:].min(axis=1) < OVERSHOOT)
         length = np.hypot(way[:, 0], way[:, 1])[:, None]
-        answer[:, end] = np.where((on & ~corner)[:, None], place + 2.0 * OVERSHOOT * way / length, place)
-    return answer
+        reached[:, end] = np.where((on & ~corner)[:, None], place + 2.0 * OVERSHOOT * way / length, place)
+    return reached
 
 
 def creases(planes: NDArray[np.float64], edges: Edges) -> list[tuple[float, float, float, float]]:
@@ -302,11 +302,13 @@ def crossings(
     """The segments inside a rectangle along which the roofs of lowest planes (P, 3) and (Q, 3) meet."""
     return [
         segment
-        for one in main
-        for other in part
+        for plane_a in main
+        for plane_b in part
         if (
             segment := clip_line(
-                one - other, [plane - one for plane in main] + [plane - other for plane in part], edges
+                plane_a - plane_b,
+                [plane - plane_a for plane in main] + [plane - plane_b for plane in part],
+                edges,
             )
         )
     ]
@@ -352,11 +354,11 @@ def name_cells(
     first = len(main)
     for part in parts:
         west, east, south, north = part.edges
-        own = np.argmin(heights[first : first + len(part.planes)], axis=0) + first
+        lowest_plane = np.argmin(heights[first : first + len(part.planes)], axis=0) + first
         level = lowest(part.planes, u, v)
         better = level > height if part.raised else level < height
         takes = (u > west) & (u < east) & (v > south) & (v < north) & better
-        label, height = np.where(takes, own, label), np.where(takes, level, height)
+        label, height = np.where(takes, lowest_plane, label), np.where(takes, level, height)
         first += len(part.planes)
     return label.astype(np.int64), planes
 
