@@ -24,7 +24,7 @@ from eaves.flow.steps import STEPS
 from eaves.model import Block
 from eaves.pipeline import build_run, end_run, find_buildings, hold_folder
 from eaves.reconstruct.overhangs import OverhangRules
-from eaves.run.code import Sources, package_sources
+from eaves.run.keys import Sources, package_sources
 from eaves.run.part_file import load_arrays
 from eaves.run.workers import Outcome, Workers
 

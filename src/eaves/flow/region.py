@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eaves.buildings.building_file import NUMBERS
 from eaves.buildings.edited import OwnedOrders
 from eaves.buildings.join import (
     OwnedBuildings,
@@ -20,7 +21,6 @@ from eaves.buildings.join import (
     join_regions,
     with_addresses,
 )
-from eaves.flow.numbers import NUMBERS
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, request_of
 from eaves.flow.step import Region, Step, bring, bring_inputs, compute, results_of, squares_read, store_of

@@ -22,8 +22,7 @@ from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.clock import Budget
-from eaves.run.code import Sources, package_sources
-from eaves.run.keys import key_of, modules_of
+from eaves.run.keys import Sources, key_of, modules_of, package_sources
 from eaves.run.part_file import as_arrays, load_arrays, load_value
 from eaves.run.partition import PartMark
 from eaves.run.points import load_window

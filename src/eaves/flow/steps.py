@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from eaves.blocks.block import find_regions, see_regions
 from eaves.blocks.block_file import BlockFile, see_shown, show_block
-from eaves.blocks.ground import classify_block, see_ground
-from eaves.blocks.large import (
+from eaves.blocks.ground import (
     TYPES,
+    classify_block,
     find_floor,
     find_large,
     find_square_decks,
     see_decks,
     see_floors,
+    see_ground,
     see_points,
 )
 from eaves.blocks.superseded import find_superseded, see_scans

@@ -20,9 +20,8 @@ from eaves.flow.run import TILE_SIDE, Run
 from eaves.flow.step import Given, Region, Visit, bring_inputs, compute, squares_read
 from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
-from eaves.run.code import package_sources
 from eaves.run.index import Index
-from eaves.run.keys import key_of, modules_of
+from eaves.run.keys import key_of, modules_of, package_sources
 from eaves.run.part_file import as_arrays, load_value
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching

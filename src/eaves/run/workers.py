@@ -25,8 +25,7 @@ import numpy
 from eaves.formats.atomic import is_full
 from eaves.formats.errors import INSTALL
 from eaves.model.checks import error_line
-from eaves.run.garbage import collect_rarely
-from eaves.run.memory import REMEDY, limit_memory, share_memory
+from eaves.run.memory import REMEDY, collect_rarely, limit_memory, share_memory
 
 log = logging.getLogger("eaves")
 Task = TypeVar("Task")

@@ -15,7 +15,7 @@ from eaves.buildings.building_file import Kept, as_found
 from eaves.buildings.edited import Order, OwnedOrders
 from eaves.buildings.join import block_of
 from eaves.change.edits import Edit, edits_of_layer, read_edits, settle, write_edits
-from eaves.flow.collisions import EDITS, LAYER
+from eaves.flow.refusals import EDITS, LAYER
 from eaves.flow.region import model_edits
 from eaves.flow.run import Run
 from eaves.flow.step import Region
