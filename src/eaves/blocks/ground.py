@@ -1,5 +1,5 @@
-"""Ground of a block by the ground stage, and what stands on it that is wider than a block: large raised objects
-and decks of bridges, in squares fixed to the world."""
+"""Ground of a block by the ground stage, and what is wider than a block: large raised objects and decks of
+bridges, in squares fixed to the world."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from eaves.model import Block, Bounds, Mask, PointCloud
 from eaves.model.block import extremes
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES, UNCLASSIFIED
 from eaves.model.cloud import GROUND as GROUND_CLASS
-from eaves.model.doubt import Doubt
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow
 from eaves.run.store import SECONDS
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
     from eaves.recipe.recipe import Recipe
 
 
-TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt, Decks)}
-"""The classes of the results."""
 EMPTY_RIM = 24 * COARSEST_M
 """Margin (m) around the data that is looked at, as far as decks are followed: more, being empty, changes
 nothing."""

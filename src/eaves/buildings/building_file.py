@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from eaves.formats.atomic import atomic
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED
-from eaves.run.part_file import load_arrays, open_part, pack_item, unpack_item
+from eaves.run.part_file import load_part, open_part, pack, unpack
 from eaves.run.store import Store
 
 ROWS, ANSWERS = "rows", "answers"
@@ -31,10 +31,8 @@ SMALL_PARTS, PARTS_OF_ROWS = 8, 64
 class Section:
     """A value a building, each decoded when it is asked for, and kept where it `keeps` them."""
 
-    def __init__(
-        self, items: Sequence[bytes], of: Callable[[Any], Any] | None = None, keeps: bool = True
-    ) -> None:
-        self.items, self._of, self.keeps = items, of, keeps
+    def __init__(self, items: Sequence[bytes], keeps: bool = True) -> None:
+        self.items, self.keeps = items, keeps
         self.known: dict[int, Any] = {}
         """Number → value, of those that are decoded."""
 
@@ -44,8 +42,7 @@ class Section:
     def __getitem__(self, number: int) -> Any:
         if number in self.known:
             return self.known[number]
-        value = unpack_item(self.items[number])
-        value = value if self._of is None else self._of(value)
+        value = unpack(self.items[number])
         if self.keeps:
             self.known[number] = value
         return value
@@ -88,8 +85,8 @@ def building_arrays(
             sections[ROWS].append(result.rows.items[result.number])
             sections[ANSWERS].append(result.answers.items[result.number])
         else:
-            sections[ROWS].append(pack_item(vars(BuildingRow.of(result.outcome, result.seconds))))
-            sections[ANSWERS].append(pack_item(result.outcome))
+            sections[ROWS].append(pack(BuildingRow.of(result.outcome, result.seconds)))
+            sections[ANSWERS].append(pack(result.outcome))
     arrays: dict[str, NDArray[Any]] = {"keys": np.array([*keys] or [""] * len(results), "S32")}
     for name, items in sections.items():
         arrays[name] = np.frombuffer(b"".join(items), np.uint8)
@@ -110,7 +107,7 @@ def section_of(arrays: Mapping[str, NDArray[Any]], name: str, keeps: bool) -> Se
     """A section of `building_arrays`; see `Section`."""
     blob, ends = arrays[name].tobytes(), arrays[f"{name}-ends"].tolist()
     items = [blob[first:end] for first, end in zip([0, *ends], ends, strict=False)]
-    return Section(items, row_of if name == ROWS else None, keeps)
+    return Section(items, keeps)
 
 
 def saved_buildings(arrays: Mapping[str, NDArray[Any]]) -> list[SavedBuilding]:
@@ -137,11 +134,6 @@ def planes_of(arrays: Mapping[str, NDArray[Any]]) -> list[tuple[NDArray[np.int64
     pieces = (np.split(arrays[name], ends) for name in ("point_id", "plane"))
     keys = [key.decode() for key in arrays["keys"].tolist()]
     return list(zip(*(list(piece)[: len(keys)] for piece in pieces), keys, strict=True))
-
-
-def row_of(values: Mapping[str, Any]) -> BuildingRow:
-    """The row of what was packed of it."""
-    return BuildingRow(**values)
 
 
 def load_buildings(path: Path) -> list[SavedBuilding]:
@@ -208,7 +200,7 @@ def as_found(store: Store) -> Kept:
 def load_found(store: Store, owner: Block) -> dict[str, NDArray[Any]]:
     """The arrays of the buildings of a block as its run found them; empty for none."""
     path = as_found(store).path(owner)
-    return {} if path is None else load_arrays(path)
+    return {} if path is None else load_part(path)
 
 
 NUMBERS = "numbers.json"

@@ -23,7 +23,7 @@ from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.clock import Budget
 from eaves.run.keys import Sources, key_of, modules_of, package_sources
-from eaves.run.part_file import as_arrays, load_arrays, load_value
+from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import PartMark
 from eaves.run.points import load_window
 from eaves.run.store import Store
@@ -72,8 +72,6 @@ class Step:
         `see(unit, *inputs, parameters)`: exactly what the result follows from.
     run : callable
         `run(seen, parameters)`: the result, a value or arrays by name.
-    types : mapping
-        The classes of a result that is a value; without them it is arrays by name.
     load : callable or None
         `load(path, square, read_points)`: a result that is opened, and read as the steps that take it need
         it, with the points of its square.
@@ -97,7 +95,6 @@ class Step:
     takes: tuple[Input, ...]
     see: Callable[..., Any]
     run: Callable[..., Any]
-    types: Mapping[str, type[Any]] = field(default_factory=dict)
     load: Callable[[Path, Block, Callable[[Block], NDArray[Any]]], Any] | None = None
     reads: tuple[str, ...] = ()
     side: float | None = None
@@ -112,7 +109,7 @@ class Step:
         path = store.path(self.name, square)
         if self.load is not None:
             return self.load(path, square, store.read_points)
-        return load_value(path, self.types) if self.types else load_arrays(path)
+        return load_part(path)
 
     def within(self, reach: str) -> Input:
         """Its results within the reach that a parameter names."""

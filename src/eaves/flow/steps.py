@@ -8,7 +8,6 @@ from __future__ import annotations
 from eaves.blocks.block import find_regions, see_regions
 from eaves.blocks.block_file import BlockFile, see_shown, show_block
 from eaves.blocks.ground import (
-    TYPES,
     classify_block,
     find_floor,
     find_large,
@@ -40,7 +39,6 @@ FLOORS = Step(
     takes=(Input(load=load_points),),
     see=see_points,
     run=find_floor,
-    types=TYPES,
     booked="wide",
 )
 LARGE = Step(
@@ -49,7 +47,6 @@ LARGE = Step(
     takes=(FLOORS.within("wide_buffer"),),
     see=see_floors,
     run=find_large,
-    types=TYPES,
     reads=("ground", "wide_buffer"),
     needs="sees_wide",
     booked="wide",
@@ -60,7 +57,6 @@ DECKS = Step(
     takes=(FLOORS.within("wide_buffer"), LARGE.around(0)),
     see=see_decks,
     run=find_square_decks,
-    types=TYPES,
     reads=("wide_buffer",),
     needs="sees_decks",
     booked="wide",

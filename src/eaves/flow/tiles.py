@@ -22,7 +22,7 @@ from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.index import Index
 from eaves.run.keys import key_of, modules_of, package_sources
-from eaves.run.part_file import as_arrays, load_value
+from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
 
@@ -101,9 +101,6 @@ class Area:
 
 WHOLE = Area()
 """The area of a run in one piece."""
-
-
-VISIT_TYPES = {cls.__name__: cls for cls in (Visit, Block, Bounds)}
 
 
 def areas(region: Region) -> Iterator[Area]:
@@ -203,7 +200,7 @@ def is_visited(region: Region, tile: Block) -> bool:
     """True if the buildings of a tile are known: visited by this run, or by one that was broken off."""
     store, visit = region.store, region.visits.get(tile)
     if visit is None and store.has(VISITED, tile):
-        visit = load_value(store.path(VISITED, tile), VISIT_TYPES)
+        visit = load_part(store.path(VISITED, tile))
         units = {BUILDINGS.name: visit.owners, SHOWN.name: visit.blocks}
         if not all(store.has(name, unit) for name, places in units.items() for unit in places):
             return False

@@ -31,7 +31,7 @@ from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure, Mask, Points,
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, NAMED
-from eaves.run.part_file import pack_item
+from eaves.run.part_file import pack
 
 HISTORY = "history.city.jsonl"
 """File of the versions that have ended: a line each, with `terminationDate`."""
@@ -241,7 +241,7 @@ def versioned(
 
 def same_outcome(one: BuildingModel | Failure, other: BuildingModel | Failure) -> bool:
     """True if two results are identical to the last bit."""
-    return pack_item(one) == pack_item(other)
+    return pack(one) == pack(other)
 
 
 def lines_of(path: Path) -> dict[str, str]:
