@@ -19,8 +19,8 @@ from eaves.change.edits import FLAT_ROOF, Edit
 from eaves.change.upkeep.corrected import correct, outlines_in
 from eaves.flow.region import bring_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
-from eaves.flow.step import Input, Region, Step, home_of
-from eaves.flow.steps import STEPS
+from eaves.flow.step import Input, Region, Step, bring, home_of
+from eaves.flow.steps import SHOWN, STEPS
 from eaves.model import Block
 from eaves.pipeline import build_run, end_run, find_buildings, hold_folder
 from eaves.reconstruct.overhangs import OverhangRules
@@ -217,6 +217,7 @@ class Again:
         find_buildings(region)
         outlines = outlines_in(as_found(region.store), SIDE)
         correct(region, [Edit(FLAT_ROOF, outline, name) for name, outline in outlines.items()])
+        bring(region, SHOWN, region.blocks)
         assert not region.failed
         return {name: units for name, units in self.workers.units.items() if units}
 

@@ -111,6 +111,7 @@ BUILDINGS = Step(
     earlier=load_buildings,
     booked="buildings",
     shown=True,
+    stays=True,
 )
 EDITED = Step(
     name=keys.EDITED,
@@ -120,6 +121,7 @@ EDITED = Step(
     reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low", "from_raster"),
     booked="buildings",
     shown=True,
+    stays=True,
 )
 SHOWN = Step(
     name="shown",
@@ -127,7 +129,8 @@ SHOWN = Step(
     see=see_shown,
     run=show_block,
     load=BlockFile,
+    stays=True,
 )
 """What the files show of a block, of a run by tiles, which lets go of the other results."""
-STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED)
-"""Those of every run, in the order in which they run."""
+STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED, SHOWN)
+"""In the order in which they run."""
