@@ -24,8 +24,7 @@ from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
 from eaves.model.provenance import Provenance
-from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest
-from eaves.run.set_aside import set_aside, work_of_persons
+from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest, set_aside, work_of_persons
 
 Writer = Callable[..., object]
 
