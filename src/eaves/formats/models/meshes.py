@@ -45,9 +45,10 @@ class BuildingMesh:
         """Positions (K, 3), normals (K, 3) and triangles (T', 3) of one kind of surface, with a vertex for
         every face it belongs to, so that edges between faces stay sharp."""
         chosen = self.surface[self.face] == surface
-        corners = np.column_stack([np.repeat(self.face[chosen], 3), self.triangles[chosen].ravel()])
-        pairs, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
-        return self.vertices[pairs[:, 1]], self.normal[pairs[:, 0]], numbers.reshape(-1, 3)
+        corners = self.face[chosen, None] * len(self.vertices) + self.triangles[chosen]
+        pairs, numbers = np.unique(corners, return_inverse=True)
+        face, vertex = np.divmod(pairs, max(len(self.vertices), 1))
+        return self.vertices[vertex], self.normal[face], numbers.reshape(-1, 3)
 
 
 def mesh_of(result: BuildingModel | Failure) -> BuildingMesh | None:
