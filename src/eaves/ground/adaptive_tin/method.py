@@ -26,7 +26,8 @@ from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.wide_objects import Patch, find_wide_objects
 from eaves.methods import Emit, Method, ignore, parameter
-from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points, Values, snap
+from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points, Values
+from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY, empty_raster, whole_cells
 

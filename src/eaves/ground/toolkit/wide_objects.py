@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.ground.toolkit.floor import Floor, WorldGrids
+from eaves.ground.toolkit.floor import Floor
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, PointCloud, Points, Values
+from eaves.raster.grid import WorldGrids
 from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells, nearest_cells
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)
@@ -295,10 +296,9 @@ class WideObjects:
         """Points (K, 3) of the terrain beneath, those within `bounds`; local metres about `origin`."""
         parts = [np.zeros((0, 3))]
         for patch in self.patches:
-            rows, columns = np.nonzero(np.isfinite(patch.terrain))
-            x = (patch.west + columns + 0.5) * patch.cell - origin[0]
-            y = (patch.north - rows + 0.5) * patch.cell - origin[1]
-            points = np.c_[x, y, patch.terrain[rows, columns]]
+            inside = np.isfinite(patch.terrain)
+            x, y = patch.centres(inside)
+            points = np.c_[x - origin[0], y - origin[1], patch.terrain[inside]]
             parts.append(points[bounds.contains(points)])
         return np.concatenate(parts)
 
