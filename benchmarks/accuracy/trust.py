@@ -24,7 +24,7 @@ from benchmarks.accuracy.detection_fit import regression
 from benchmarks.accuracy.drawn_blocks import detached_house, large_building
 from benchmarks.table import as_markdown, keep
 from eaves.figures import trust
-from eaves.formats.vectors.geopackage import read_details
+from eaves.formats.vectors.polygons import read_details
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.roof_fit import RoofFaces, fit_roof
 from eaves.model import Mask, Values

@@ -26,7 +26,7 @@ from eaves.cli.runs import (
 )
 from eaves.cli.scenes import demo, simulate
 from eaves.cli.time import compare, update
-from eaves.run.garbage import collect_rarely
+from eaves.run.memory import collect_rarely
 
 
 def show_version(wanted: bool) -> None:

@@ -19,13 +19,13 @@ from eaves.formats import InputError, read_polygons
 from eaves.formats.errors import EXTRAS, require_extra
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
 from eaves.formats.points.classified import is_classified
-from eaves.formats.vectors.geopackage import Row, read_upright, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.formats.vectors.polygons import read_upright
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
 from eaves.model.provenance import Provenance
-from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest
-from eaves.run.set_aside import set_aside, work_of_persons
+from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest, set_aside, work_of_persons
 
 Writer = Callable[..., object]
 

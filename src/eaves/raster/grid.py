@@ -117,7 +117,8 @@ class WorldGrids:
     def centres(self, cells: Mask) -> tuple[Values, Values]:
         """World coordinates (K,) and (K,), in metres, of the middles of the cells of a mask (H, W)."""
         rows, columns = np.nonzero(cells)
-        return (self.west + columns + 0.5) * self.cell, (self.north - rows + 0.5) * self.cell
+        x, y = (self.west + columns + 0.5) * self.cell, (self.north - rows + 0.5) * self.cell
+        return np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
 @kernel

@@ -16,7 +16,6 @@ from eaves.methods import (
     check_returned,
     emitter,
     ignore,
-    make_method,
     naming,
     resolve_method,
 )
@@ -135,7 +134,7 @@ def reconstruct_building(
     facts: dict[str, object] = {"method": modeller.name}
     if isinstance(result, Failure):
         facts = {"method": FALLBACK, "fallback_code": result.code, "fallback_reason": result.reason}
-        fallback = make_method("reconstruct", FALLBACK)
+        fallback = resolve_method("reconstruct", FALLBACK)
         assert isinstance(fallback, Reconstructor)
         result = fallback.model(points[order], footprint, ordered, ground, emit)
     if isinstance(result, Failure):
