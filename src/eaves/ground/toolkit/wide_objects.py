@@ -26,8 +26,11 @@ beneath a raised surface is drawn from that as near; cells of none within twice 
 
 
 class PlateauRules(Method):
-    """When a surface stands over the terrain."""
+    """When a surface stands over the terrain, and how far off it points of it lie."""
 
+    tolerance_gain: float = parameter(7.0, "Tolerance of a surface, in roughnesses.", symbol="t/ρ", ge=0)
+    tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
+    tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
     wall: float = parameter(
         2.0,
         "Least height of the walls of a surface that stands on the terrain, or the side of a cell where that "
@@ -47,6 +50,10 @@ class PlateauRules(Method):
     wide_area: float = parameter(
         200.0, "Smaller surfaces are left to the opening, and it has the last word on them.", unit="m²", gt=0
     )
+
+    def tolerance(self, roughness: float) -> float:
+        """Largest distance, along z, m, from a level surface of what belongs to it."""
+        return min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pydantic import BaseModel
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
@@ -50,36 +49,6 @@ from eaves.solids.extrude import extrude
 from eaves.solids.soundness import find_defect
 
 
-class PartLimits(BaseModel):
-    """Rules for dormers and terraces: parameters of a method that looks for them."""
-
-    tolerance: float = parameter(
-        NEAR_M,
-        "Distance from the roof up to which it explains a point, and under which nothing stands on it.",
-        unit="m",
-        gt=0.0,
-    )
-    min_part_area: float = parameter(2.0, "Area of the smallest dormer or terrace.", unit="m2", ge=0.0)
-    part_link: float = parameter(
-        2.0, "Distance, in spacings, at which residual points hang together.", gt=0.0
-    )
-    part_reach: float = parameter(
-        1.5,
-        "Distance behind its last clear point at which a dormer may still meet the main roof.",
-        unit="m",
-        gt=0.0,
-    )
-    narrowest_part: float = parameter(
-        0.8, "Width under which a part is a parapet or a gutter.", unit="m", ge=0.0
-    )
-    part_filling: float = parameter(
-        LEAST_SHOWN,
-        "Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less.",
-        ge=0.0,
-        le=1.0,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class RoofPart:
     """A rectangle in the axes of the house (m), and planes of which the lowest is its roof.
@@ -118,7 +87,7 @@ def lowest(
     return np.asarray((planes[:, :1] * u + planes[:, 1:2] * v + planes[:, 2:]).min(axis=0))
 
 
-def find_parts(house: ParametricBuilding, points: Points, limits: PartLimits) -> list[RoofPart]:
+def find_parts(house: ParametricBuilding, points: Points, limits: Moments) -> list[RoofPart]:
     """The parts of at least `min_part_area` in points (N, 3) that the main roof leaves, largest first."""
     west, east, south, north = house.edges
     u, v = house.fit.axes(points)
@@ -151,7 +120,7 @@ def shape_part(
     points: Points,
     members: NDArray[np.int64],
     raised: bool,
-    limits: PartLimits,
+    limits: Moments,
 ) -> RoofPart | None:
     """The rectangle and planes of a part: one plane, or a small gable across the ridge; None for scatter."""
     points_of_part = points[members]
@@ -376,7 +345,7 @@ def to_world_plane(house: ParametricBuilding, plane: NDArray[np.float64]) -> tup
     return float(a), float(b), float(plane[2] - a * house.fit.centre[0] - b * house.fit.centre[1])
 
 
-class Moments(Reconstructor, PartLimits):
+class Moments(Reconstructor):
     """A house with a flat, shed, gable, hip, half-hip or pyramid roof, its parameters, and their variances.
 
     The moments of order 0 to 2 of the area under the points, plain and weighted with height, determine a
@@ -431,6 +400,31 @@ class Moments(Reconstructor, PartLimits):
     )
     paper: ClassVar[str] = "maas_vosselman1999"
 
+    tolerance: float = parameter(
+        NEAR_M,
+        "Distance from the roof up to which it explains a point, and under which nothing stands on it.",
+        unit="m",
+        gt=0.0,
+    )
+    min_part_area: float = parameter(2.0, "Area of the smallest dormer or terrace.", unit="m2", ge=0.0)
+    part_link: float = parameter(
+        2.0, "Distance, in spacings, at which residual points hang together.", gt=0.0
+    )
+    part_reach: float = parameter(
+        1.5,
+        "Distance behind its last clear point at which a dormer may still meet the main roof.",
+        unit="m",
+        gt=0.0,
+    )
+    narrowest_part: float = parameter(
+        0.8, "Width under which a part is a parapet or a gutter.", unit="m", ge=0.0
+    )
+    part_filling: float = parameter(
+        LEAST_SHOWN,
+        "Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less.",
+        ge=0.0,
+        le=1.0,
+    )
     ground_plan: bool = parameter(
         False, "Take place, orientation, length and width from the footprint instead of the points."
     )
