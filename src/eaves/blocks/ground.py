@@ -54,9 +54,9 @@ def see_points(block: Block, points: Mapping[Block, tuple[Records, bool]], param
     return block, records["xyz"]
 
 
-def find_floor(seen: tuple[Block, NDArray[np.int32]], parameters: Any) -> Floor:
+def find_floor(view: tuple[Block, NDArray[np.int32]], parameters: Any) -> Floor:
     """The floor of a block's points."""
-    block, quanta = seen
+    block, quanta = view
     floor = Floor.empty(stored_extent(quanta, block) or Bounds(*block.origin, *block.origin))
     floor.add(quanta, 1.0, [round(value / GRID_STEP) for value in block.origin])
     return floor
@@ -75,11 +75,11 @@ def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) ->
     return SquareFloor(square, floor)
 
 
-def find_large(seen: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
+def find_large(view: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
     """Patch of the large objects over the terrain in a square and around it, as far as decks need; empty for
     none."""
-    patch = None if seen.floor is None else parameters.ground.find_wide_objects(seen.floor)
-    return () if patch is None else (patch.cropped(seen.square.bounds.buffered(DECK_REACH)),)
+    patch = None if view.floor is None else parameters.ground.find_wide_objects(view.floor)
+    return () if patch is None else (patch.cropped(view.square.bounds.buffered(DECK_REACH)),)
 
 
 def see_decks(
@@ -91,9 +91,9 @@ def see_decks(
     return square, None if floor is None else look_around(floor, square.bounds, raised)
 
 
-def find_square_decks(seen: tuple[Block, tuple[Decks, Mask] | None], parameters: Any) -> tuple[Decks, ...]:
+def find_square_decks(view: tuple[Block, tuple[Decks, Mask] | None], parameters: Any) -> tuple[Decks, ...]:
     """The decks of bridges in a square."""
-    square, around = seen
+    square, around = view
     return () if around is None else (decks_of(*around, square.bounds),)
 
 
@@ -142,16 +142,16 @@ def see_ground(
     return GroundView(block, points.cloud, points.inside, objects)
 
 
-def classify_block(seen: GroundView, parameters: Any) -> dict[str, NDArray[Any]]:
+def classify_block(view: GroundView, parameters: Any) -> dict[str, NDArray[Any]]:
     """Classes and, where the filter finds them, parts of a block's points, in the order of its files."""
     clock = Clock()
-    core = Bounds(0.0, 0.0, seen.block.side, seen.block.side)
-    results = classify_inside(seen.cloud, core, seen.large, parameters)
+    core = Bounds(0.0, 0.0, view.block.side, view.block.side)
+    results = classify_inside(view.cloud, core, view.large, parameters)
     arrays: dict[str, NDArray[Any]] = {}
     for name, values in zip(("class", "part"), results, strict=True):
         if values is not None:
             arrays[name] = np.empty_like(values)
-            arrays[name][seen.number] = values
+            arrays[name][view.number] = values
     clock.lap("ground")
     return arrays | {SECONDS: np.array(clock.laps["ground"])}
 

@@ -109,7 +109,7 @@ class ScanFacts:
 
     def remarks(self) -> list[str]:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
-        found = [
+        checks = [
             *self._of_returns(),
             *self._of_heights(),
             (not self.intensity, "no intensities: no method needs them"),
@@ -133,7 +133,7 @@ class ScanFacts:
                 "as clipped to footprints: without ground beside them, heights of buildings are uncertain",
             ),
         ]
-        return [text for said, text in found if said]
+        return [text for said, text in checks if said]
 
     def _of_returns(self) -> list[tuple[bool, str]]:
         shape = "crowns and roofs are separated by shape alone"
@@ -212,7 +212,7 @@ def scan_facts(index: Index) -> ScanFacts:
         The figures; they follow from the inputs alone.
     """
     sample = _take_sample(index)
-    whole = sample.read == index.points
+    complete = sample.read == index.points
     west, south, east, north = index.entries["box"][index.entries["count"] > 0].T
     area: float = ((east - west) * (north - south)).sum()
     void = pieces = piece = None
@@ -220,7 +220,7 @@ def scan_facts(index: Index) -> ScanFacts:
     if len(sample.xyz):
         cover = _cover(sample.xyz)
         below, deepest, at_zero, roofs = _heights(sample.xyz, cover[0])
-        if whole:
+        if complete:
             area, void, pieces, piece = cover
     density = index.points / area if area > 0 else 0.0
     first = sample.number <= 1

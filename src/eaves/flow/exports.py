@@ -164,8 +164,8 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         table.name: (FOOTPRINT_FILES, table.exists()),
         "classified points": ((COPC,), points),
     }
-    for file, (choices, there) in sources_of.items():
-        if not set(names).isdisjoint(choices) and not there:
+    for file, (choices, exists) in sources_of.items():
+        if not set(names).isdisjoint(choices) and not exists:
             raise InputError.about(folder, f"holds no {file}", "build again with that output")
     planned = files_of_formats(names)
     in_the_way = (path for path, _ in work_of_persons(folder, planned))

@@ -105,11 +105,11 @@ class RunResults:
 
 
 def finished_models(
-    kept: Kept, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
+    buildings: Kept, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
 ) -> Iterator[BuildingModel | Failure]:
     """The models and failures of the `owners`, the models with their party walls, `shared` where known."""
-    walls = iter(party_walls(kept, owners) if shared is None else shared)
-    for outcome in kept.answers(owners):
+    walls = iter(party_walls(buildings, owners) if shared is None else shared)
+    for outcome in buildings.answers(owners):
         yield with_walls(outcome, next(walls, None))
 
 
@@ -139,11 +139,11 @@ def write_output(
 ) -> tuple[list[Path], PointSink | None]:
     """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
     # imports are late where libraries come with them that other outputs do without
-    run, kept, owners = results.run, results.kept, results.owners
+    run, buildings, owners = results.run, results.kept, results.owners
     folder, system, made_from = run.folder, run.index.system, run.provenance
     if step == "footprints":
-        files, rows = [folder / "footprints.gpkg"], BuildingRows(kept, owners, results.shared)
-        roofs, review = BuildingRows(kept, owners, faces=True), review_rows(kept.rows(owners))
+        files, rows = [folder / "footprints.gpkg"], BuildingRows(buildings, owners, results.shared)
+        roofs, review = BuildingRows(buildings, owners, faces=True), review_rows(buildings.rows(owners))
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
         files.append(write_review(folder / REVIEW, review, system))
         return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
@@ -155,7 +155,7 @@ def write_output(
     if step == "mask":
         from eaves.flow.rasters import write_run_mask
 
-        polygons = [row.polygon for row in kept.rows(owners)]
+        polygons = [row.polygon for row in buildings.rows(owners)]
         return write_run_mask(run, list(results.regions), polygons, results.extent), None
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
@@ -167,7 +167,7 @@ def write_output(
         return write_steps(run, list(results.regions), results.see), None
     from eaves.flow.classified_points import write_points
 
-    files = write_points(run, kept, results.regions, owners, sink, results.copies)
+    files = write_points(run, buildings, results.regions, owners, sink, results.copies)
     return files + export_points(files, system, run.options["formats"]), sink
 
 
@@ -361,12 +361,12 @@ def party_walls(buildings: Kept, owners: Sequence[Block]) -> list[dict[str, floa
 
     boxes = np.array([extent_of(buildings, owner) for owner in owners], object)
     first, second = shapely.STRtree(boxes).query(boxes, predicate="dwithin", distance=PARTY_GAP)
-    near = {number: {number} for number in range(len(owners))}
+    neighbours = {number: {number} for number in range(len(owners))}
     for owner, neighbour in zip(first.tolist(), second.tolist(), strict=True):
-        near[owner].add(neighbour)
+        neighbours[owner].add(neighbour)
     walls: list[dict[str, float] | None] = []
-    for owner in near:
-        walls += walls_in(buildings, owners, owner, sorted(near[owner]), load)
+    for owner in neighbours:
+        walls += walls_in(buildings, owners, owner, sorted(neighbours[owner]), load)
     return walls
 
 

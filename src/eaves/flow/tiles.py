@@ -58,7 +58,8 @@ def given_in(region: Region, area: Area) -> Given:
         return Given(region.run.given or (), region.run.lost)
     parts = [region.given[tile] for tile in area.tiles if tile in region.given]
     return Given(
-        [one for part in parts for one in part.footprints], [one for part in parts for one in part.lost]
+        [footprint for part in parts for footprint in part.footprints],
+        [footprint for part in parts for footprint in part.lost],
     )
 
 

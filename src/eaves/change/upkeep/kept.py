@@ -145,7 +145,7 @@ def frame_of(folder: Path) -> tuple[float, ...] | None:
 def marks_of(plan: dict[str, Any]) -> list[tuple[int, str]]:
     """Points and fingerprint of each input, wherever it lies; of very many inputs their common hash."""
     if "inputs" in plan:
-        return [(one["points"], one["fingerprint"]) for one in plan["inputs"]]
+        return [(entry["points"], entry["fingerprint"]) for entry in plan["inputs"]]
     return [(plan["files"], plan["inputs_sha256"])]
 
 
@@ -166,8 +166,8 @@ def kept_recipe(plan: dict[str, Any], named: Collection[str] = ()) -> Recipe:
                 f"if you trust it, add --method {place}"
             )
     methods: dict[str, Any] = {
-        stage: None if words is None else resolve_method(stage, words, False)
-        for stage, words in ((stage, plan["methods"][stage]) for stage in METHOD_OPTIONS)
+        stage: None if table is None else resolve_method(stage, table, False)
+        for stage, table in ((stage, plan["methods"][stage]) for stage in METHOD_OPTIONS)
     }
     vegetation = plan.get("vegetation")
     return Recipe(
