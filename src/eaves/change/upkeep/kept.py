@@ -182,10 +182,10 @@ def kept_recipe(plan: dict[str, Any], named: Collection[str] = ()) -> Recipe:
     )
 
 
-def link_file(source: Path, target: Path) -> None:
+def link_file(source: str | Path, target: str | Path) -> None:
     """One file under another name, in a folder that is made when missing."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.unlink(missing_ok=True)
+    Path(target).parent.mkdir(parents=True, exist_ok=True)
+    Path(target).unlink(missing_ok=True)
     try:
         os.link(source, target)
     except OSError:
@@ -195,10 +195,5 @@ def link_file(source: Path, target: Path) -> None:
 def link_results(source: Path, target: Path) -> None:
     """The results of a run under other names, without taking room where the disk can do that. They are never
     written in place, so neither run sees what the other does."""
-    for place, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if name != EARLIER]
-        to = target / Path(place).relative_to(source)
-        to.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            if not name.startswith("."):
-                link_file(Path(place) / name, to / name)
+    hidden = shutil.ignore_patterns(EARLIER, ".*")
+    shutil.copytree(source, target, copy_function=link_file, ignore=hidden, dirs_exist_ok=True)

@@ -32,7 +32,7 @@ from eaves.pipeline import find_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
-from eaves.run.store import WORK
+from eaves.run.store import WORK, Store
 
 log = logging.getLogger("eaves")
 
@@ -174,7 +174,7 @@ def update(
             check_place(region)
         if not request.keep:
             compute_again(region, folder)
-        before = earlier_buildings(region, folder / WORK if linked else run.work_folder)
+        before = earlier_buildings(region.store, folder / WORK if linked else run.work_folder)
         ordered = all_edits(folder, edits, before, run.side)
         if not inside:
             begin_manifest(out)
@@ -192,26 +192,22 @@ def compute_again(region: Region, folder: Path) -> None:
     correct(region, kept_edits(folder, region.store.system))
 
 
-def earlier_buildings(region: Region, folder: Path) -> Kept:
+def earlier_buildings(store: Store, folder: Path) -> Kept:
     """The buildings of the run that is updated, as it shows them, with its results in a folder.
 
-    In the folder of the region itself they are set aside, for it goes on with the others; an update that was
-    broken off leaves them.
+    They are set aside, for the store goes on with the others; an update that was broken off leaves them.
     """
-    store = region.store
-    earlier = replace(store, folder=folder / EARLIER)
-    if earlier.folder.exists():
-        return Kept(earlier)
-    if not is_same_place(folder, store.folder):
-        return Kept(replace(store, folder=folder))
-    hidden = folder / f"{EARLIER}-{os.getpid()}"
-    for name in (REGIONS, BUILDINGS, NAMED, EDITED):
-        link_results(folder / name, hidden / name)
-    for name in (NUMBERS, KEYS):
-        if (folder / name).exists():
-            link_file(folder / name, hidden / name)
-    hidden.rename(earlier.folder)
-    return Kept(earlier)
+    aside, unfinished = store.folder / EARLIER, folder / EARLIER
+    before = unfinished if unfinished.exists() else folder
+    if before != aside:
+        hidden = aside.with_name(f"{EARLIER}-{os.getpid()}")
+        hidden.mkdir(exist_ok=True)
+        for path in [before / name for name in (REGIONS, BUILDINGS, NAMED, EDITED, NUMBERS, KEYS)]:
+            if path.exists():
+                link = link_results if path.is_dir() else link_file
+                link(path, hidden / path.name)
+        hidden.rename(aside)
+    return Kept(replace(store, folder=aside))
 
 
 def all_edits(folder: Path, file: str | Path | None, shown: Kept, side: float) -> list[Edit]:
