@@ -160,6 +160,12 @@ class Method(BaseModel):
         return f"parameter '{parameter}' of {method}: {rule}, not {first['input']!r}; {remedy}"
 
     @property
+    def address(self) -> str:
+        """The name by which it can be made again (`resolve_method`): ours, or `module:Class`."""
+        cls = type(self)
+        return self.name if self.name in REGISTRY[self.stage] else f"{cls.__module__}:{cls.__qualname__}"
+
+    @property
     def buffer(self) -> float:
         """Distance (m) within which other points can change the result at a point."""
         return 0.0
@@ -434,35 +440,6 @@ def installed_methods(stage: str) -> dict[str, str]:
                 "write module:Class, or uninstall one"
             )
     return places
-
-
-def name_of(method: Method) -> str:
-    """The name by which a method can be made again: ours, or `module:Class`.
-
-    Parameters
-    ----------
-    method : Method
-        The method.
-
-    Returns
-    -------
-    str
-        What `resolve_method` takes.
-
-    Raises
-    ------
-    AttributeError
-        When it has no name.
-
-    Examples
-    --------
-    >>> import eaves
-    >>> from eaves.methods import name_of
-    >>> name_of(eaves.Consensus())
-    'consensus'
-    """
-    cls = type(method)
-    return method.name if method.name in REGISTRY[method.stage] else f"{cls.__module__}:{cls.__qualname__}"
 
 
 def method_class(stage: str, name: str) -> type[Method]:

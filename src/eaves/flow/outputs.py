@@ -19,7 +19,7 @@ from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
 from eaves.figures.party_walls import PARTY_GAP, Walls, envelope_figures, wall_figures
 from eaves.figures.trust import judge
-from eaves.flow.exports import export_footprints, export_models, export_points
+from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table
 from eaves.flow.review import (
     LAYER,
     REVIEW,
@@ -151,7 +151,8 @@ def write_output(
         files = [folder / "buildings.city.jsonl"]
         outcomes = results.answers()
         write_cityjson_seq(files[0], outcomes, system, provenance=made_from, translate=run.translate)
-        return files + export_models(folder, results.answers, system, run.options["formats"], made_from), None
+        formats = run.options["formats"]
+        return files + export_table(folder, MODEL_FILES, results.answers, system, formats, made_from), None
     if step == "mask":
         from eaves.flow.rasters import write_run_mask
 
@@ -213,22 +214,25 @@ def write_outputs(
     order = sorted(steps, key=LONGEST_FIRST.index)
     work = partial(write_output, results=results, sink=sink)
     clock.lap("summary")
+
+    def finish(step: str, files: list[Path]) -> None:
+        written[step] = files
+        note(run, files)
+        progress("write", len(written), len(steps))
+
     for outcome in workers.run(work, order) if workers.started else ():
         region.peak = max(region.peak, outcome.peak_mb)
         region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
         if outcome.answer is not None:
-            written[order[outcome.index]], filled = outcome.answer
+            files, filled = outcome.answer
             if sink is not None and filled is not None:
                 sink.take_from(filled)
-            note(run, written[order[outcome.index]])
-            progress("write", len(written), len(steps))
+            finish(order[outcome.index], files)
     clock.skip()
     for step in steps:
         if step not in written:  # what failed in another process is tried here, where its error can be raised
-            written[step] = write_output(step, results, sink)[0]
+            finish(step, write_output(step, results, sink)[0])
             clock.lap(f"write {step}")
-            note(run, written[step])
-            progress("write", len(written), len(steps))
 
     files = [path for step in steps for path in written[step]]
     if "footprints" in steps:
