@@ -24,7 +24,8 @@ from eaves.flow.review import (
     LAYER,
     REVIEW,
     describe_doubts,
-    doubt_rows,
+    distinct_doubts,
+    doubt_row,
     face_doubts,
     review_rows,
     write_review,
@@ -191,7 +192,7 @@ def write_outputs(
     clock.lap("party walls")
     metadata = read_metadata(region)
     places = (doubt for block in metadata for doubt in block.doubts)
-    doubts = doubt_rows(chain(places, face_doubts(kept.rows(owners))), run.side)
+    doubts = distinct_doubts(chain(places, face_doubts(kept.rows(owners))), run.side)
     blocks = [block.block for block in metadata]
     results = RunResults(
         run,
@@ -200,7 +201,7 @@ def write_outputs(
         owners,
         block_extent(metadata),
         shared,
-        doubts,
+        list(map(doubt_row, doubts)),
         copies or {},
     )
     if sink is not None:
