@@ -24,7 +24,7 @@ from benchmarks.accuracy.detection_fit import regression
 from benchmarks.accuracy.drawn_blocks import detached_house, large_building
 from benchmarks.table import as_markdown, keep
 from eaves.figures import trust
-from eaves.formats.vectors.geopackage import read_details
+from eaves.formats.vectors.polygons import read_details
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.roof_fit import RoofFaces, fit_roof
 from eaves.model import Mask, Values
@@ -34,9 +34,8 @@ from eaves.simulate import Town, scan_town, simulate_town, write_simulation
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.houses import DETACHED_SHARES, Design
 from eaves.simulate.objects.streets import TownStyle, draw_block
-from eaves.simulate.objects.surfaces import ScannedSurfaces, upright_box
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, upright_box
 from eaves.simulate.objects.terrain import TerrainKind
-from eaves.simulate.objects.vegetation import Foliage
 from eaves.simulate.town import lay_site
 
 TOWNS = (

@@ -20,6 +20,7 @@ from eaves.formats.crs import describe_system
 from eaves.formats.models.cityjson_read import read_models
 from eaves.formats.models.dxf import DECIMALS, turning_corners
 from eaves.geometry.components import connected_groups_kernel, members
+from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import (
     LOCAL_METRES,
@@ -73,7 +74,7 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     check_positive(detail, "detail")
     solids = model.solids.get(model.lod, ())
     rings = [ring for solid in solids for ring in drawn_rings(solid, 0.25 * detail)]
-    corners, edges = turning_corners(rings)
+    corners, edges = turning_corners(FaceTable.of([[ring] for ring in rings]))
     group = corner_groups(corners, detail)
     corners = meeting_places(corners, edges, group, detail)
     drawn = {(min(pair), max(pair)) for pair in group[edges].tolist() if pair[0] != pair[1]}

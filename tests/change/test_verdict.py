@@ -11,7 +11,9 @@ from eaves.change.surface import (
     ROOF_BELOW,
     SAME,
     UNSEEN,
+    cells_of,
     face_points,
+    pairs_within,
     point_planes,
 )
 from eaves.change.verdict import (
@@ -39,6 +41,23 @@ def grid(west: float, south: float, east: float, north: float, z: float, a: floa
     x, y = np.meshgrid(np.arange(west, east, STEP) + STEP / 2, np.arange(south, north, STEP) + STEP / 2)
     x, y = x.ravel(), y.ravel()
     return np.column_stack([x, y, z + a * x + b * y])
+
+
+@pytest.mark.parametrize(("count", "others"), [(300, 400), (40, 1), (10, 0), (0, 10)])
+def test_the_pairs_are_those_that_all_distances_give(count: int, others: int) -> None:
+    chance = np.random.default_rng(count)
+    xyz, beside = chance.uniform(-9, 9, (count, 3)), chance.uniform(-3, 5, (others, 3))
+    xyz[::2], beside[::2] = (
+        np.round(xyz[::2]),
+        np.round(beside[::2]),
+    )  # on the borders of cells, and 1 m apart
+    slope = chance.uniform(-1, 1, (count, 2))
+    point, other, way, over = pairs_within(xyz, slope, beside, 1.0, cells_of(beside, 1.0))
+    ways = beside[None] - xyz[:, None]
+    near = np.argwhere((ways[..., :2] ** 2).sum(axis=2) <= 1.0)
+    assert sorted(zip(point.tolist(), other.tolist(), strict=True)) == list(map(tuple, near.tolist()))
+    assert (way == ways[point, other, :2]).all()
+    assert over == pytest.approx(ways[point, other, 2] - (slope[point] * way).sum(axis=1))
 
 
 def epoch(*parts):

@@ -17,7 +17,7 @@ from eaves.blocks.block import block_pass
 from eaves.blocks.block_file import BlockFile, block_arrays
 from eaves.figures.rows import BuildingRow
 from eaves.flow.review import LAYER, describe_doubts, distinct_doubts, doubt_row, face_doubts
-from eaves.formats.vectors.geopackage import read_polygons
+from eaves.formats.vectors.polygons import read_polygons
 from eaves.ground import classify_ground
 from eaves.model import Block
 from eaves.model.doubt import Doubt

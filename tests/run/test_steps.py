@@ -12,7 +12,7 @@ from tests.conftest import write_laz
 
 import eaves
 from eaves.flow.intermediates import StepMaps, lines_of
-from eaves.ground.contours.tracing import Contour
+from eaves.ground.contours import Contour
 from eaves.methods import resolve_method
 from eaves.model import Bounds, Raster
 from eaves.raster.grid import empty_raster

@@ -250,8 +250,9 @@ class Comparer:
             numbers = np.array(sorted(local))
             places = shapely.points(xyz[loose, :2])
             tree = shapely.STRtree([local[int(k)] for k in numbers])
-            which, nearest = tree.query_nearest(places, max_distance=BESIDE_M, all_matches=False)
-            owner[loose[which]] = numbers[nearest]
+            within = np.unique(tree.query(places, "dwithin", BESIDE_M)[0])
+            which, nearest = tree.query_nearest(places[within], all_matches=False)
+            owner[loose[within[which]]] = numbers[nearest]
         return owner, of
 
     def words(self, site: Site, verdict: Verdict, points: tuple[int, int]) -> BuildingChange:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from eaves.geometry.planes import local_planes
 from eaves.kernels import kernel
@@ -35,6 +34,9 @@ of a roof a quarter lies on it, and of a crown single leaves lie at the height o
 AT_ONCE = 20_000
 """Roof points that are faced together: with each go all points around it."""
 
+ROUNDING = 1e-6
+"""Width (m) by which cells are looked up beyond a radius: more than a sum of coordinates is rounded by."""
+
 
 def point_planes(xyz: Points) -> tuple[NDArray[np.float64], Values]:
     """Slopes (N, 2) of the planes around points (N, 3), and how rough they are there (m, one standard
@@ -48,21 +50,69 @@ def point_planes(xyz: Points) -> tuple[NDArray[np.float64], Values]:
     return np.where(steep[:, None], 0.0, slope), np.where(steep, np.nan, rough)
 
 
-def plan_tree(xyz: Points) -> cKDTree:
-    """The tree of points (N, 3) in plan, not balanced: to build it costs more than to ask it once."""
-    return cKDTree(xyz[:, :2], balanced_tree=False, compact_nodes=False)
+Cells = tuple[Values, Integers, Integers, Integers]
+"""Points by square cells of plan: the corner (2,) that these count from, their rows and columns (2,), the
+first place of each cell, row by row, and the point (N,) at each place."""
+
+
+def cells_of(xyz: Points, side: float) -> Cells:
+    """Points (N, 3) by cells of a `side` (m)."""
+    corner = xyz[:, :2].min(axis=0, initial=0.0)
+    column, row = np.floor((xyz[:, :2] - corner) / side).astype(np.int64).T
+    shape = np.array([row.max(initial=-1), column.max(initial=-1)]) + 1
+    cell = row * shape[1] + column
+    order = np.argsort(cell, kind="stable")
+    return corner, shape, np.searchsorted(cell[order], np.arange(shape.prod() + 1)), order
+
+
+@kernel
+def pairs_kernel(xyz: Points, others: Points, radius: float, cells: Cells) -> tuple[Integers, Integers]:
+    """The numbers (P,) of points (N, 3) and (P,) of others within a `radius` (m) of them in plan, the points
+    in order; `cells`, as wide, are those of the others."""
+    corner, shape, first, order = cells
+    reach = radius + ROUNDING
+    point, other = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    count = 0
+    for number in range(len(xyz)):
+        x, y = xyz[number, 0], xyz[number, 1]
+        west = min(max(int(np.floor((x - reach - corner[0]) / radius)), 0), shape[1])
+        east = max(min(int(np.floor((x + reach - corner[0]) / radius)) + 1, shape[1]), west)
+        south = max(int(np.floor((y - reach - corner[1]) / radius)), 0)
+        north = min(int(np.floor((y + reach - corner[1]) / radius)), shape[0] - 1)
+        for row in range(south, north + 1):
+            start, end = first[row * shape[1] + west], first[row * shape[1] + east]
+            while count + end - start > len(point):
+                point, other = np.append(point, point), np.append(other, other)
+            for place in range(start, end):
+                dx, dy = others[order[place], 0] - x, others[order[place], 1] - y
+                if dx * dx + dy * dy <= radius * radius:
+                    point[count], other[count] = number, order[place]
+                    count += 1
+    return point[:count], other[:count]
 
 
 def pairs_within(
-    xyz: Points, slope: NDArray[np.float64], others: Points, tree: cKDTree, radius: float
+    xyz: Points, slope: NDArray[np.float64], others: Points, radius: float, cells: Cells
 ) -> tuple[Integers, Integers, Values, Values]:
     """Pairs (P,) of roof points (N, 3) on planes with slopes (N, 2) and points of the other epoch within a
     `radius` (m) in plan: the numbers of both, the ways from the one to the other (P, 2) and how far the other
-    lies over the plane (m); the `tree` is that of the others."""
-    found = plan_tree(xyz).sparse_distance_matrix(tree, radius, output_type="ndarray")
-    point, other = found["i"], found["j"]
-    way = others[other] - xyz[point]
-    return point, other, way[:, :2], way[:, 2] - (slope[point] * way[:, :2]).sum(axis=1)
+    lies over the plane (m); the `cells` are those of the others."""
+    point, other = pairs_kernel(xyz, others, radius, cells)
+    return point, other, *ways_kernel(xyz, slope, others, point, other)
+
+
+@kernel
+def ways_kernel(
+    xyz: Points, slope: Values, others: Points, point: Integers, other: Integers
+) -> tuple[Values, Values]:
+    """The ways (P, 2) of pairs, and how far (P,) the others lie over the planes."""
+    way, over = np.empty((len(point), 2)), np.empty(len(point))
+    for pair in range(len(point)):
+        one, two = point[pair], other[pair]
+        dx, dy = others[two, 0] - xyz[one, 0], others[two, 1] - xyz[one, 1]
+        way[pair, 0], way[pair, 1] = dx, dy
+        over[pair] = others[two, 2] - xyz[one, 2] - (slope[one, 0] * dx + slope[one, 1] * dy)
+    return way, over
 
 
 def face_points(
@@ -76,10 +126,10 @@ def face_points(
     """The state (N,) that points of another epoch (M, 3) with classes show within `radius` (m) of roof points
     (N, 3), and how far what they show lies over these (m)."""
     state, distance = np.full(len(xyz), UNSEEN, np.uint8), np.full(len(xyz), np.nan)
-    tree = plan_tree(others)
+    cells = cells_of(others, radius)
     for first in range(0, len(xyz) if len(others) else 0, AT_ONCE):
         some = slice(first, first + AT_ONCE)
-        point, other, way, over = pairs_within(xyz[some], slope[some], others, tree, radius)
+        point, other, way, over = pairs_within(xyz[some], slope[some], others, radius, cells)
         limit = tolerance * np.sqrt(1.0 + (slope[some] ** 2).sum(axis=1))
         state[some], distance[some] = states_of((point, way, over), classes[other], radius, limit)
     return state, distance
@@ -176,9 +226,11 @@ def nearest_distances(
     """Distance (N,) of the other epoch's surface over roof points: of the nearest in plan of those no
     farther than `most` (m) from the plane; NaN where there is none."""
     distance = np.full(len(xyz), np.nan)
-    point, _, way, over = pairs_within(xyz, slope, others, plan_tree(others), radius)
-    order = np.lexsort((np.hypot(*way.T), point))
-    order = order[np.abs(over[order]) <= most]
-    point, first = np.unique(point[order], return_index=True)
-    distance[point] = over[order[first]]
+    point, _, way, over = pairs_within(xyz, slope, others, radius, cells_of(others, radius))
+    on = np.flatnonzero(np.abs(over) <= most)
+    point, over, square = point[on], over[on], (way[on] ** 2).sum(axis=1)
+    least = np.full(len(xyz), np.inf)
+    np.minimum.at(least, point, square)
+    nearest = np.flatnonzero(square == least[point])
+    distance[point[nearest]] = over[nearest]
     return distance

@@ -20,7 +20,8 @@ from eaves.formats import InputError, read_polygons
 from eaves.formats.errors import EXTRAS, require_extra
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
 from eaves.formats.points.classified import is_classified
-from eaves.formats.vectors.geopackage import Row, read_upright, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.formats.vectors.polygons import read_upright
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
@@ -209,7 +210,7 @@ def write_contours(folder: Path, interval: float) -> Path:
         When the interval is not above 0.
     """
     from eaves.formats.rasters.geotiff import read_raster
-    from eaves.ground.contours.tracing import trace_contours
+    from eaves.ground.contours import trace_contours
 
     check_positive(interval, "--contours")
     read_manifest(folder)

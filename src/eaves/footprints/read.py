@@ -18,7 +18,8 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of, text_of
 from eaves.formats import InputError, read_polygons
-from eaves.formats.vectors.geopackage import VectorLayer, list_vector_layers, read_table
+from eaves.formats.vectors.polygons import list_vector_layers, read_table
+from eaves.formats.vectors.vector_files import VectorLayer
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint

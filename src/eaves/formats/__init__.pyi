@@ -22,6 +22,6 @@ from .rasters.geotiff import read_raster as read_raster
 from .rasters.geotiff import write_mask as write_mask
 from .rasters.geotiff import write_raster as write_raster
 from .rasters.mosaic import MosaicWriter as MosaicWriter
-from .vectors.geopackage import read_polygons as read_polygons
 from .vectors.geopackage import write_geopackage as write_geopackage
 from .vectors.parquet import write_geoparquet as write_geoparquet
+from .vectors.polygons import read_polygons as read_polygons

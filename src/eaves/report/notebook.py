@@ -20,7 +20,7 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import INSTALL
 from eaves.formats.models.meshes import mesh_of
-from eaves.formats.vectors.geopackage import read_details
+from eaves.formats.vectors.polygons import read_details
 from eaves.model import (
     LOCAL_METRES,
     BuildingModel,

@@ -17,7 +17,8 @@ from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.rasters.geotiff import RasterWindow
 from eaves.formats.rasters.mosaic import MosaicWriter
-from eaves.formats.vectors.geopackage import Row, read_upright, write_layers
+from eaves.formats.vectors.geopackage import Row, write_layers
+from eaves.formats.vectors.polygons import read_upright
 from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.solar.roofs import FaceLight, SolarRules, best_in_the_open, light_on_faces
 from eaves.solar.sun import ClearSky, Weather

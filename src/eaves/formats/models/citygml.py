@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import escape, quoteattr
@@ -165,8 +166,10 @@ def write_citygml(
                 file.write(f"<gml:description>{escape(provenance.sentence)}</gml:description>\n")
             if count:
                 corners = "".join(
-                    f"<gml:{name}>{position_text(corner[None])}</gml:{name}>"
-                    for name, corner in (("lowerCorner", low), ("upperCorner", high))
+                    f"<gml:{name}>{listed}</gml:{name}>"
+                    for name, listed in zip(
+                        ("lowerCorner", "upperCorner"), position_texts(np.array([low, high])), strict=True
+                    )
                 )
                 box = f'<gml:Envelope{place} srsDimension="3">{corners}</gml:Envelope>'
                 file.write(f"<gml:boundedBy>{box}</gml:boundedBy>\n")
@@ -181,9 +184,10 @@ write_citygml3 = partial(write_citygml, version=CITYGML_3)
 """`write_citygml` of version 3.0."""
 
 
-def position_text(points: Points) -> str:
-    """Coordinates (N, 3) as a list of numbers."""
-    return " ".join(f"{value:.{DECIMALS}f}" for value in points.ravel().tolist())
+def position_texts(points: Points) -> list[str]:
+    """The coordinates of each of the points (N, 3)."""
+    row = f"%.{DECIMALS}f %.{DECIMALS}f %.{DECIMALS}f"
+    return [row % tuple(point) for point in points.tolist()]
 
 
 def xml_name(text: str) -> str:
@@ -322,8 +326,7 @@ class _GmlBuilding:
 
     def _shell(self, solid: Solid) -> str:
         """The faces of a solid as surface members."""
-        table = FaceTable.of_solids([solid])
-        faces = (self._polygon(table.rings_of(number))[1] for number in range(len(table)))
+        faces = (self._polygon(rings)[1] for rings in self._faces(FaceTable.of_solids([solid])))
         return "".join(f"<gml:surfaceMember>{face}</gml:surfaceMember>" for face in faces)
 
     def _closed(self, shell: str) -> str:
@@ -335,9 +338,10 @@ class _GmlBuilding:
 
     def _surfaces(self, solid: Solid) -> tuple[str, str]:
         """The bounding surfaces of LoD 2, one a face, and the references of the solid to them."""
-        made, references, table = [], [], FaceTable.of_solids([solid])
-        for number, surface in enumerate(solid.surfaces.tolist()):
-            name, polygon = self._polygon(table.rings_of(number))
+        made, references = [], []
+        faces = self._faces(FaceTable.of_solids([solid]))
+        for surface, rings in zip(solid.surfaces.tolist(), faces, strict=True):
+            name, polygon = self._polygon(rings)
             kind = f"{self.version.surface}:{surface}"
             tag = "bldg:lod2MultiSurface" if self.version is CITYGML_2 else "core:lod2MultiSurface"
             made.append(
@@ -355,25 +359,30 @@ class _GmlBuilding:
     def _footprint(self, polygon: Polygon, base: float) -> str:
         flat = [np.asarray(ring.coords)[:-1, :2] for ring in (polygon.exterior, *polygon.interiors)]
         flat = [ring if polygon.exterior.is_ccw else ring[::-1] for ring in flat]
-        return self._polygon([np.column_stack([ring, np.full(len(ring), base)]) for ring in flat])[1]
+        level = FaceTable.of([[np.column_stack([ring, np.full(len(ring), base)]) for ring in flat]])
+        return self._polygon(next(self._faces(level)))[1]
 
-    def _polygon(self, rings: list[Points]) -> tuple[str, str]:
-        """The id of a polygon, and its XML, in the system's units."""
+    def _faces(self, table: FaceTable) -> Iterator[list[str]]:
+        """The coordinates of the rings of each face, in the system's units."""
+        world = (table.corners + self.origin) / self.unit
+        self.low = np.minimum(self.low, world.min(axis=0, initial=np.inf))
+        self.high = np.maximum(self.high, world.max(axis=0, initial=-np.inf))
+        corners = position_texts(world)
+        starts = table.ring_start.tolist()
+        ends = zip(starts, [*starts[1:], len(corners)], strict=True)
+        rings = (" ".join([*corners[start:end], corners[start]]) for start, end in ends)
+        return (list(islice(rings, count)) for count in table.ring_counts.tolist())
+
+    def _polygon(self, rings: Iterable[str]) -> tuple[str, str]:
+        """The id of a polygon, and its XML, of the coordinates of its rings."""
         name = self._next()
-        text = []
-        for number, ring in enumerate(rings):
-            world = (ring + self.origin) / self.unit
-            self.low, self.high = (
-                np.minimum(self.low, world.min(axis=0)),
-                np.maximum(self.high, world.max(axis=0)),
-            )
-            side = "interior" if number else "exterior"
-            listed = position_text(np.vstack([world, world[:1]]))
-            text.append(
-                f'<gml:{side}><gml:LinearRing><gml:posList srsDimension="3">{listed}</gml:posList>'
-                f"</gml:LinearRing></gml:{side}>"
-            )
-        return name, f'<gml:Polygon gml:id="{name}">{"".join(text)}</gml:Polygon>'
+        outer, *holes = (
+            f'<gml:LinearRing><gml:posList srsDimension="3">{listed}</gml:posList></gml:LinearRing>'
+            for listed in rings
+        )
+        sides = f"<gml:exterior>{outer}</gml:exterior>"
+        sides += "".join(f"<gml:interior>{hole}</gml:interior>" for hole in holes)
+        return name, f'<gml:Polygon gml:id="{name}">{sides}</gml:Polygon>'
 
     def _next(self) -> str:
         self.polygons += 1

@@ -198,16 +198,16 @@ def reference_system(system: CoordinateSystem) -> str | None:
 
 def clean(value: Any) -> Any:
     """A value as JSON can hold it: NaN and infinity become null, numpy's types Python's, dates text."""
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(key): clean(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return clean(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
         return [clean(item) for item in (sorted(value) if isinstance(value, set | frozenset) else value)]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, str | bool | int):
-        return value
     return value.isoformat() if isinstance(value, date | datetime) else str(value)
 
 

@@ -85,7 +85,7 @@ def write_dxf(
             footprint = model.footprint
             shift = np.array([*footprint.origin, 0.0])
             roofs = FaceTable.of_solids(model.solids[model.lod], ROOF_SURFACE)
-            corners, edges = turning_corners(np.split(roofs.corners, roofs.ring_start[1:]))
+            corners, edges = turning_corners(roofs)
             placed = (corners + shift) / unit
             for one, two in edges.tolist():
                 file.write(line_of(ROOF_LAYER, placed[one], placed[two]))
@@ -106,22 +106,20 @@ def write_dxf(
     return count
 
 
-def turning_corners(rings: list[Points]) -> tuple[Points, Integers]:
-    """The corners (V, 3) where one of the rings turns, and the pairs of them (E, 2) that rings join."""
+def turning_corners(faces: FaceTable) -> tuple[Points, Integers]:
+    """The corners (V, 3) where a ring of faces turns, and the pairs of them (E, 2) that rings join."""
+    out = faces.corners[faces.following] - faces.corners
+    into = np.empty_like(out)
+    into[faces.following] = out
+    size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
+    turns = (into * out).sum(axis=1) < size * np.cos(np.radians(CORNER_TURN_DEG))
+    places = list(map(tuple, np.round(faces.corners, DECIMALS).tolist()))
     number: dict[tuple[float, ...], int] = {}
-    chains = []
-    for ring in rings:
-        into, out = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-        size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
-        turns = (into * out).sum(axis=1) < size * np.cos(np.radians(CORNER_TURN_DEG))
-        chain = [tuple(place) for place in np.round(ring, DECIMALS).tolist()]
-        chains.append(chain)
-        for place, corner in zip(chain, turns.tolist(), strict=True):
-            if corner:
-                number.setdefault(place, len(number))
-    edges = set()
-    for chain in chains:
-        kept = [number[place] for place in chain if place in number]
+    for corner in np.flatnonzero(turns).tolist():
+        number.setdefault(places[corner], len(number))
+    edges, starts = set(), faces.ring_start.tolist()
+    for start, end in zip(starts, [*starts[1:], len(places)], strict=True):
+        kept = [number[place] for place in places[start:end] if place in number]
         pairs = zip(kept, kept[1:] + kept[:1], strict=True)
         edges |= {(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]}
     return np.array(list(number)).reshape(-1, 3), np.array(sorted(edges), np.int64).reshape(-1, 2)
@@ -134,4 +132,5 @@ def line_of(layer: str, one: Sequence[float], two: Sequence[float]) -> str:
 
 def groups(code: int, place: Sequence[float]) -> str:
     """The three groups of a place, of which `code` is the first one's."""
-    return "".join(f"{code + 10 * axis}\n{value:.{DECIMALS}f}\n" for axis, value in enumerate(place))
+    x, y, z = place
+    return f"{code}\n{x:.{DECIMALS}f}\n{code + 10}\n{y:.{DECIMALS}f}\n{code + 20}\n{z:.{DECIMALS}f}\n"

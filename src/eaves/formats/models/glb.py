@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson import attributes_of, clean
-from eaves.formats.models.meshes import COLOURS, SURFACES, BuildingMesh, mesh_of
+from eaves.formats.models.meshes import COLOURS, SURFACES, BuildingMesh, with_meshes
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -90,13 +90,12 @@ def write_glb(
     origin: tuple[float, float] | None = None
     nodes: list[Json] = []
     with atomic(path) as temporary, GlbParts(temporary) as parts:
-        for number, model in enumerate(models, 1):
+        for number, (model, mesh) in enumerate(with_meshes(models), 1):
             footprint = model.footprint
             if footprint is None:
                 continue
             origin = origin or footprint.origin
             node: Json = {"name": footprint.id or f"building-{number}", "extras": clean(attributes_of(model))}
-            mesh = mesh_of(model)
             base = 0.0 if mesh is None else float(np.floor(mesh.vertices[:, 2].min()))
             east, north = footprint.origin[0] - origin[0], footprint.origin[1] - origin[1]
             node["translation"] = [east, base, -north]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 
@@ -19,6 +20,8 @@ COLOURS = {
     OUTER_CEILING_SURFACE: (0.62, 0.50, 0.38),
 }
 """Linear RGB of the materials."""
+AT_ONCE = 100
+"""Buildings whose faces are cut into triangles together: 5 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +48,45 @@ class BuildingMesh:
         """Positions (K, 3), normals (K, 3) and triangles (T', 3) of one kind of surface, with a vertex for
         every face it belongs to, so that edges between faces stay sharp."""
         chosen = self.surface[self.face] == surface
-        corners = np.column_stack([np.repeat(self.face[chosen], 3), self.triangles[chosen].ravel()])
-        pairs, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
-        return self.vertices[pairs[:, 1]], self.normal[pairs[:, 0]], numbers.reshape(-1, 3)
+        corners = self.face[chosen, None] * len(self.vertices) + self.triangles[chosen]
+        pairs, numbers = np.unique(corners, return_inverse=True)
+        face, vertex = np.divmod(pairs, max(len(self.vertices), 1))
+        return self.vertices[vertex], self.normal[face], numbers.reshape(-1, 3)
+
+
+def with_meshes(
+    results: Iterable[BuildingModel | Failure],
+) -> Iterator[tuple[BuildingModel | Failure, BuildingMesh | None]]:
+    """Results, each with the mesh of its finest level; None for a failure and for a model without solids.
+
+    The faces of `AT_ONCE` buildings are cut into triangles together.
+    """
+    waiting = iter(results)
+    while piece := list(islice(waiting, AT_ONCE)):
+        finest = [
+            one.solids[one.lod] if isinstance(one, BuildingModel) and one.solids else () for one in piece
+        ]
+        whole = mesh_of_solids(chain(*finest))
+        vertices = np.cumsum([0, *(sum(len(solid.vertices) for solid in solids) for solids in finest)])
+        faces = np.cumsum([0, *(sum(len(solid.surfaces) for solid in solids) for solids in finest)])
+        triangles = np.searchsorted(whole.face, faces)
+        for number, (result, solids) in enumerate(zip(piece, finest, strict=True)):
+            of_vertex, of_face, of_triangle = (
+                slice(*bounds[number : number + 2]) for bounds in (vertices, faces, triangles)
+            )
+            mesh = BuildingMesh(
+                whole.vertices[of_vertex],
+                whole.triangles[of_triangle] - vertices[number],
+                whole.face[of_triangle] - faces[number],
+                whole.surface[of_face],
+                whole.normal[of_face],
+            )
+            yield result, mesh if solids else None
 
 
 def mesh_of(result: BuildingModel | Failure) -> BuildingMesh | None:
     """The mesh of the finest level of a building; None for a failure and for a model without solids."""
-    if not isinstance(result, BuildingModel) or not result.solids:
-        return None
-    return mesh_of_solids(result.solids[result.lod])
+    return next(mesh for _, mesh in with_meshes([result]))
 
 
 def mesh_of_solids(solids: Iterable[Solid]) -> BuildingMesh:

@@ -17,7 +17,7 @@ import numpy as np
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
-from eaves.formats.models.meshes import COLOURS, SURFACES, mesh_of
+from eaves.formats.models.meshes import COLOURS, SURFACES, with_meshes
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -79,10 +79,9 @@ def write_obj(
             f"{describe_system(system)}\n"
         )
         file.write(f"# {provenance.sentence}\n" if provenance else "")
-        for number, model in enumerate(models, 1):
+        for number, (model, mesh) in enumerate(with_meshes(models), 1):
             footprint = model.footprint
             name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"
-            mesh = mesh_of(model)
             if mesh is None or footprint is None:
                 reason = "" if isinstance(model, BuildingModel) else f": {model.code}, {model.reason}"
                 file.write(" ".join(f"# {name} has no model{reason}".split()) + "\n")
@@ -93,8 +92,9 @@ def write_obj(
                 file.write("# offset {:.0f} {:.0f} {:.0f}\n".format(*offset))
                 file.write(f"mtllib {path.with_suffix('.mtl').name}\n")
             file.write(f"o {name}\ng {name}\n")
-            for row in (world - offset)[:, [0, 2, 1]] * [1.0, 1.0, -1.0]:
-                file.write("v " + " ".join(f"{value:.{DECIMALS}f}" for value in row) + "\n")
+            row = f"v %.{DECIMALS}f %.{DECIMALS}f %.{DECIMALS}f\n"
+            placed = (world - offset)[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
+            file.writelines(row % tuple(place) for place in placed.tolist())
             for kind, surface in enumerate(SURFACES):
                 triangles = mesh.triangles_of(kind) + start
                 if len(triangles):

@@ -29,7 +29,7 @@ from eaves.formats.crs_check import vertical_datum
 from eaves.formats.models.cityjson import attributes_of, clean
 from eaves.formats.models.features import EXTENSIONS, add_feature_numbers, add_property_table
 from eaves.formats.models.glb import GlbParts, Json, mesh_primitives, scene_extras
-from eaves.formats.models.meshes import BuildingMesh, mesh_of
+from eaves.formats.models.meshes import BuildingMesh, with_meshes
 from eaves.formats.models.tiles_overview import (
     NODE_PRISMS,
     TILE_PRISMS,
@@ -164,8 +164,8 @@ def by_origin(
     """The buildings that have a mesh, those of one origin together."""
     solid = (
         (model, mesh)
-        for model in models
-        if isinstance(model, BuildingModel) and (mesh := mesh_of(model)) is not None and len(mesh.triangles)
+        for model, mesh in with_meshes(models)
+        if isinstance(model, BuildingModel) and mesh is not None and len(mesh.triangles)
     )
     for _, group in groupby(solid, key=lambda pair: pair[0].footprint.origin):
         yield list(group)

@@ -14,7 +14,8 @@ import shapely
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError, require_extra
-from eaves.formats.vectors.geopackage import Row, VectorLayer, column_of, shapes_in_units
+from eaves.formats.vectors.geopackage import Row, column_of, shapes_in_units
+from eaves.formats.vectors.vector_files import VectorLayer
 from eaves.model import LOCAL_METRES, NOTHING_KNOWN, CoordinateSystem, Provenance, Rectangle
 
 VERSION = "1.1.0"

@@ -13,6 +13,7 @@ import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from eaves.formats.errors import InputError
@@ -38,6 +39,18 @@ OFFLINE = {
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "{none}",
 }
 """Settings of GDAL under which no address is reached."""
+
+
+@dataclass(frozen=True)
+class VectorLayer:
+    """A layer of a vector file: its name, the kind of its shapes (empty where it has none), its columns, how
+    many features it has, and its reference system."""
+
+    name: str
+    kind: str
+    columns: tuple[str, ...]
+    count: int
+    crs: str | None
 
 
 @contextmanager
