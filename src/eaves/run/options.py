@@ -291,7 +291,7 @@ def list_options(function: Callable[P, T]) -> Callable[P, T]:
         for declared in DECLARED.values()
     ]
     signature = plain.replace(parameters=[*parameters, *keywords])
-    function.__plain_ = signature  # type: ignore[attr-defined]
+    function.__signature__ = signature  # type: ignore[attr-defined]
     lines = [
         f"{declared.name} : {declared.words.replace(' | ', ' or ')}\n        {declared.option.sentence}"
         for declared in DECLARED.values()

@@ -93,7 +93,7 @@ def failures_in(unit: OwnedOrders, edited: Kept) -> Iterator[str]:
     if edited.path(unit.owner_block) is None:
         return  # the whole block failed, which the run says
     outcomes = edited.answers([unit.owner_block])
-    by_id = {answer.footprint.id: answer for answer in outcomes if answer.footprint is not None}
+    by_id = {building.footprint.id: building for building in outcomes if building.footprint is not None}
     for name, _ in (part for order in unit.orders for part in order.parts):
         outcome = by_id.get(name)
         if outcome is None:
