@@ -16,8 +16,7 @@ from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud
 from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP, NOISE_CLASSES, UNCLASSIFIED
-from eaves.model.cloud import GROUND as GROUND_CLASS
+from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES, UNCLASSIFIED
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow
 from eaves.run.store import SECONDS
@@ -173,8 +172,8 @@ def classify_inside(
 def with_ground_classes(cloud: PointCloud, numbers: tuple[int, ...]) -> PointCloud:
     """The cloud whose file means ground by these classes: they become 2, and a 2 that is none of them 1."""
     classes_of_file = cloud.classification
-    if classes_of_file is None or numbers == (GROUND_CLASS,):
+    if classes_of_file is None or numbers == (GROUND,):
         return cloud
-    classes = np.where(classes_of_file == GROUND_CLASS, np.uint8(UNCLASSIFIED), classes_of_file)
-    classes[np.isin(classes_of_file, numbers)] = GROUND_CLASS
+    classes = np.where(classes_of_file == GROUND, np.uint8(UNCLASSIFIED), classes_of_file)
+    classes[np.isin(classes_of_file, numbers)] = GROUND
     return cloud.with_(classification=classes)

@@ -75,14 +75,14 @@ class Placed:
 
 
 def name_versions(
-    found: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
+    detected: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
 ) -> tuple[Versions, set[Block]]:
     """Give the buildings their ids and versions, in a layer over those found; what became of them, and the
     owner blocks whose buildings are others than before.
 
     Parameters
     ----------
-    found, before
+    detected, before
         What was found now, and by the earlier run with the names that it gave.
     owners
         The blocks that own buildings now.
@@ -92,45 +92,45 @@ def name_versions(
         Of the update, as `YYYY-MM-DD`; None where no points came: what other code models otherwise is no new
         version.
     """
-    after = found.store
+    after = detected.store
     after.keep_only(NAMED, ())
     side = owners[0].side if owners else BLOCK_SIDE
     entries = set(before.store.found(BUILDINGS, before.owners(side)))
     same = {name for name, key in after.found(BUILDINGS, owners) if (name, key) in entries}
-    changed = {one for one in (*owners, *before.owners(side)) if one.name not in same}
+    changed = {owner for owner in (*owners, *before.owners(side)) if owner.name not in same}
     for owner in owners:
         if owner.name in same and before.store.has(NAMED, owner):
             for suffix in (".npz", ".key"):
                 path = before.store.path(NAMED, owner).with_suffix(suffix)
                 link_file(path, after.path(NAMED, owner).with_suffix(suffix))
     fresh, earlier = (
-        [Placed.of(owner, one) for owner in sorted(changed) for one in kept.saved(owner)]
-        for kept in (found, before)
+        [Placed.of(owner, saved) for owner in sorted(changed) for saved in layer.saved(owner)]
+        for layer in (detected, before)
     )
-    stay = (row.values["id"] for row in before.rows([one for one in owners if one.name in same]))
-    names_used = {*ended, *map(str, stay), *(one.id for one in earlier)}
+    stay = (row.values["id"] for row in before.rows([owner for owner in owners if owner.name in same]))
+    names_used = {*ended, *map(str, stay), *(building.id for building in earlier)}
     results: dict[Block, list[BuildingResult]] = {}
     if date is not None:
         earlier, fresh, confirmed = confirmed_apart(earlier, fresh, set(owners))
-        for one in confirmed:
-            results.setdefault(one.owner, []).append(one.result)
+        for building in confirmed:
+            results.setdefault(building.owner, []).append(building.result)
     partners = match(earlier, fresh)
     names: dict[int, str] = {}
-    for k, one in enumerate(fresh):
-        names[k] = earlier[partners[k]].id if k in partners else unused(one.id, names_used)
+    for k, building in enumerate(fresh):
+        names[k] = earlier[partners[k]].id if k in partners else unused(building.id, names_used)
         names_used.add(names[k])
     versions = Versions()
     blocks = block_names(fresh, earlier, partners, names)
-    for k, one in enumerate(fresh):
+    for k, building in enumerate(fresh):
         old = earlier[partners[k]].result if k in partners else None
-        result, is_same = versioned(one.result, names[k], blocks, old, date)
-        results.setdefault(one.owner, []).append(result)
+        result, is_same = versioned(building.result, names[k], blocks, old, date)
+        results.setdefault(building.owner, []).append(result)
         if old is None:
             versions.new.append(names[k])
         elif not is_same:
             versions.remodelled.append(names[k])
     matched = set(partners.values())
-    versions.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
+    versions.gone.extend(building.id for k, building in enumerate(earlier) if k not in matched)
     for owner, buildings in results.items():
         after.save(NAMED, owner, building_arrays(buildings))
     return versions, changed
