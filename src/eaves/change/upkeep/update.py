@@ -244,12 +244,13 @@ def update_region(
         region.run = with_update(region.run, date, versions, len(beside))
     end_region(region, summary.complete)
     end_manifest(out, files, summary.complete, edits=len(edits), **stated_request(region.run))
-    shutil.rmtree(store.folder / EARLIER, ignore_errors=True)
+    blocks = blocks_computed(region, before), len(region.shown)
+    shutil.rmtree(before.store.folder, ignore_errors=True)
     return Updated(
         summary=replace(summary, files=tuple(files)),
         date=date,
         points=points_counted(region),
-        blocks=(blocks_computed(region, before), len(region.shown)),
+        blocks=blocks,
         versions=versions,
         edits=tuple(edits),
         corrected=edited,
