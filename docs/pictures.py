@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from shapely import Polygon
 
-from eaves.methods import REGISTRY, make_method
+from eaves.methods import REGISTRY, resolve_method
 from eaves.model import Failure, Footprint, Raster
 
 FOLDER = Path(__file__).parent / "images" / "methods"
@@ -50,7 +50,7 @@ def draw_method(stage: str, name: str, scenery: Scenery) -> Path:
 
     steps: list[Step] = []
     points, answer = RUNS[stage](
-        make_method(stage, name), scenery, lambda title, v: steps.append(Step(title, v))
+        resolve_method(stage, name), scenery, lambda title, v: steps.append(Step(title, v))
     )
     drawn = [step for step in [*steps, Step("answer", answer)] if drawable(step.value, points)]
     rows = -(-len(drawn) // COLUMNS)

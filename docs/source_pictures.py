@@ -16,7 +16,7 @@ from PIL import Image
 from eaves.detect import detect_buildings
 from eaves.formats import read
 from eaves.ground import classify_ground
-from eaves.methods import make_method
+from eaves.methods import resolve_method
 from eaves.model import Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
@@ -33,7 +33,7 @@ STAGES = ("ground", "detect", "outline", "roof", "reconstruct")
 
 def make_real_scenery(source: PublishedSource, place: Path) -> Scenery:
     """A real scene with the source's own ground, and its largest building before its model."""
-    methods: dict[str, Any] = {stage: make_method(stage, source.methods.get(stage)) for stage in STAGES}
+    methods: dict[str, Any] = {stage: resolve_method(stage, source.methods.get(stage)) for stage in STAGES}
     cloud = read(place).with_(classification=None).in_canonical_order()
     middle = np.median(cloud.xyz[:, :2], axis=0)
     cloud = cloud.take((np.abs(cloud.xyz[:, :2] - middle) <= SIDE / 2.0).all(axis=1))
@@ -64,7 +64,7 @@ def draw_source(source: PublishedSource, scenery: Scenery, path: Path) -> None:
     panels: list[tuple[str, Any, Any]] = []
     for stage in (stage for stage in STAGES if stage in source.methods):
         steps: list[tuple[str, Any]] = []
-        method = make_method(stage, source.methods[stage])
+        method = resolve_method(stage, source.methods[stage])
         points, answer = RUNS[stage](method, scenery, lambda name, value, to=steps: to.append((name, value)))
         panels += [
             (f"{stage}: {name}", value, points)

@@ -15,9 +15,8 @@ from eaves.model import BuildingModel, Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
-from eaves.simulate.objects.exact import ExactBuilding
+from eaves.simulate.objects.exact import ExactBuilding, Mass
 from eaves.simulate.objects.houses import STOREY, draw_detached
-from eaves.simulate.objects.masses import Mass
 from eaves.simulate.objects.roofs import make_building
 
 HOUSES, NOISE = 300, 0.03

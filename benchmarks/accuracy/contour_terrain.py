@@ -14,8 +14,7 @@ import numpy as np
 from benchmarks.table import keep
 from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing
-from eaves.ground.contours import ContourGround
-from eaves.ground.contours.tracing import Contour
+from eaves.ground.contours import Contour, ContourGround
 from eaves.model import Mask, Points, Raster
 from eaves.model.cloud import GROUND
 

@@ -15,8 +15,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon, box
 
+from eaves.simulate.objects.exact import Mass
 from eaves.simulate.objects.houses import draw_church, draw_hall, draw_slab
-from eaves.simulate.objects.masses import Mass
 from eaves.simulate.objects.roofs import Masses, chimney, flat, gable, hip, shed, shifted_masses
 
 DEPTH, SLOPE, NOISE = 9.0, 0.8, 0.03

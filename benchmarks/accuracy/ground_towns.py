@@ -16,12 +16,12 @@ from functools import partial
 import numpy as np
 
 from benchmarks.accuracy.ground import METHODS, doubt_figures
+from benchmarks.accuracy.old_town import NODES_M, simulate_old_town
 from benchmarks.table import keep
 from eaves.ground import classify_ground
 from eaves.model import Mask, PointCloud
 from eaves.model.cloud import GROUND, WATER
 from eaves.simulate.flight import Pattern
-from eaves.simulate.old_town import NODES_M, simulate_old_town
 from eaves.simulate.scanner import Scanner, scan_town
 
 COMMAND = "python -m benchmarks.accuracy.ground_towns"

@@ -20,12 +20,9 @@ from benchmarks.accuracy.roof import delft_roofs
 from benchmarks.table import keep
 from eaves.geometry.rings import as_polygon
 from eaves.model import Failure, Footprint, Points
-from eaves.reconstruct.maas_vosselman import MaasVosselman
-from eaves.reconstruct.maas_vosselman.method import Primitive
-from eaves.reconstruct.maas_vosselman.primitives import cut_plan
+from eaves.reconstruct.maas_vosselman import MaasVosselman, Primitive, cut_plan
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding
-from eaves.reconstruct.moments.edges import rectangle_around
+from eaves.reconstruct.moments.building import ParametricBuilding, rectangle_around
 from eaves.reconstruct.toolkit.evidence import seen_roof
 
 COMMAND = "python -m benchmarks.accuracy.moments_chain"

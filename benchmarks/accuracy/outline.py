@@ -30,7 +30,7 @@ from benchmarks.table import keep
 from benchmarks.wireframes.scores import read_wireframe
 from eaves.evaluate.footprints import count_vertices, outline_distances
 from eaves.geometry.neighbours import measure_spacing
-from eaves.methods import make_method
+from eaves.methods import resolve_method
 from eaves.model import Failure, Points
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.simulate import scan_town, simulate_town
@@ -121,7 +121,7 @@ def simulated_rows(name: str, cases: Sequence[Case], reach: Sequence[object]) ->
     """IoU, RMS, surplus of corners and shift by method, one measure a row."""
     figures: dict[str, list[NDArray[np.float64]]] = {}
     for method in METHODS:
-        outliner = make_method("outline", method)
+        outliner = resolve_method("outline", method)
         assert isinstance(outliner, OutlineMethod)
         table = []
         for points, spacing, truth, divided in cases:
@@ -240,7 +240,7 @@ def delft_figures(
     hull = shapely.union_all(shapely.box(cells[:, 0], cells[:, 1], cells[:, 0] + 0.5, cells[:, 1] + 0.5))
     rows[4]["reach"] = f"≥ {block_iou(hull, united):.3f} (0.5 m cells of class 6)"
     for method in METHODS:
-        outliner = make_method("outline", method)
+        outliner = resolve_method("outline", method)
         assert isinstance(outliner, OutlineMethod)
         found = shapely.union_all(draw(outliner))
         offsets = np.concatenate(
@@ -294,7 +294,7 @@ def building3d_rows(folder: Path) -> list[dict[str, object]]:
         plans = list(wireframe_plans(folder, close))
         figures: dict[str, NDArray[np.float64]] = {}
         for method in METHODS:
-            outliner = make_method("outline", method)
+            outliner = resolve_method("outline", method)
             assert isinstance(outliner, OutlineMethod)
             found = [(drawn(xyz, measure_spacing(xyz), outliner), plan) for _, xyz, plan in plans]
             figures[method] = np.array(

@@ -26,7 +26,7 @@ from eaves.footprints.snap import snap_footprints
 from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import classify_ground
-from eaves.methods import make_method
+from eaves.methods import resolve_method
 from eaves.model import Bounds, Failure, Footprint, Mask, PointCloud, Points
 from eaves.model.cloud import GROUND, NOISE_CLASSES
 from eaves.model.scene import WALL
@@ -98,7 +98,7 @@ def crown_rows(density: float, methods: Sequence[str]) -> list[dict[str, object]
     towns = [town_blocks(density, seed, TREES) for seed in CROWN_SEEDS]
     table: dict[str, dict[str, object]] = {}
     for name in methods:
-        method = make_method("outline", name)
+        method = resolve_method("outline", name)
         assert isinstance(method, OutlineMethod)
         counts, right, wanted_right, iou = np.zeros(3), [], [], []
         for (groups, spacing), blocks in towns:
@@ -201,7 +201,7 @@ def detected_rows(density: float, goals: Sequence[object], methods: Sequence[str
         for measure, goal in zip((*measures, "share of blocks with IoU over 0.9"), (*goals, "–"), strict=True)
     ]
     for name in methods:
-        method = make_method("outline", name)
+        method = resolve_method("outline", name)
         assert isinstance(method, OutlineMethod)
         table = np.concatenate(
             [

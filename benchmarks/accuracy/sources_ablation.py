@@ -16,7 +16,7 @@ from benchmarks.accuracy.detection import rates, read, top_of_cells
 from benchmarks.table import keep
 from eaves.detect import Detector, detect_buildings
 from eaves.ground import GroundMethod, classify_ground
-from eaves.methods import make_method
+from eaves.methods import resolve_method
 from eaves.model import PointCloud, Scene
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
@@ -58,10 +58,12 @@ def main() -> None:
     for source in SOURCES.values():
         for where, step, off in (("", "nothing", {}), *source.steps):
             made = {
-                stage: make_method(stage, source.methods[stage], off if where == stage else None)
+                stage: resolve_method(
+                    stage, {"method": source.methods[stage], **(off if where == stage else {})}
+                )
                 for stage in ("ground", "detect")
             }
-            plain = {stage: make_method(stage, source.methods[stage]) for stage in ("ground", "detect")}
+            plain = {stage: resolve_method(stage, source.methods[stage]) for stage in ("ground", "detect")}
             row: dict[str, object] = {"source": source.name, "without": step}
             for name in SETS:
                 got, value = score(name, made["ground"], made["detect"])  # type: ignore[arg-type]

@@ -21,7 +21,7 @@ from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
 from eaves.roof.toolkit.crowns import crown_points
-from eaves.simulate.objects.masses import Mass
+from eaves.simulate.objects.exact import Mass
 from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, plan_rectangle
 from eaves.validate.models import validate_model
 

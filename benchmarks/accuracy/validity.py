@@ -23,7 +23,7 @@ from shapely import affinity
 
 from benchmarks.accuracy.rotations import scatter
 from benchmarks.table import keep
-from eaves.buildings.building import keep_valid
+from eaves.buildings.owned import keep_valid
 from eaves.formats import write_cityjson
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import BuildingModel, Failure, Footprint, Points

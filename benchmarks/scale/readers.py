@@ -42,7 +42,7 @@ from eaves.model import CoordinateSystem
 from eaves.pipeline import build
 from eaves.run.manifest import check_folder, read_manifest
 from eaves.run.memory import limit_memory
-from eaves.run.part_file import is_whole_part, load_arrays
+from eaves.run.part_file import is_whole_part, load_part
 from eaves.validate import validate_file
 
 ROOM = 1_500_000_000
@@ -77,7 +77,7 @@ def read_part(path: Path) -> None:
     """All arrays of a part of a kept run, where its checksums say that it is whole."""
     if not is_whole_part(path):
         raise ValueError("is damaged")
-    load_arrays(path)
+    load_part(path)
 
 
 def write_files(place: Path) -> None:

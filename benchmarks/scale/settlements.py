@@ -24,13 +24,12 @@ import shapely
 from benchmarks.table import keep
 from eaves.model import Bounds
 from eaves.simulate import scan_town, write_simulation
+from eaves.simulate.objects.exact import Mass
 from eaves.simulate.objects.houses import Design, draw_town_house, lifted
-from eaves.simulate.objects.masses import Mass
 from eaves.simulate.objects.roofs import Masses, flat, gable, plan_rectangle, shed
 from eaves.simulate.objects.streets import Placement
-from eaves.simulate.objects.surfaces import ScannedSurfaces
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces
 from eaves.simulate.objects.terrain import make_terrain
-from eaves.simulate.objects.vegetation import Foliage
 from eaves.simulate.town import BuildingSite, Town
 
 COMMAND = "python -m benchmarks.scale.settlements"

@@ -24,7 +24,7 @@ from benchmarks.table import keep
 SOURCES = Path(__file__).parents[2] / "src/eaves"
 
 HANDLED: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any], Any], int]]] = {
-    ("eaves.blocks.large", "see_points"): ("read", lambda names, answer: len(answer[1])),
+    ("eaves.blocks.ground", "see_points"): ("read", lambda names, answer: len(answer[1])),
     ("eaves.run.points", "load_window"): ("read", lambda names, answer: len(answer.number)),
     ("eaves.blocks.block_file", "points"): ("read", lambda names, answer: len(answer)),
     ("eaves.model.cloud", "take"): (

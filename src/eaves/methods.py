@@ -447,7 +447,7 @@ def name_of(method: Method) -> str:
     Returns
     -------
     str
-        What `make_method` takes.
+        What `resolve_method` takes.
 
     Raises
     ------
@@ -507,47 +507,6 @@ def method_class(stage: str, name: str) -> type[Method]:
     return found
 
 
-def make_method(
-    stage: str,
-    name: str | None = None,
-    parameters: dict[str, Any] | None = None,
-    published: bool | str = False,
-) -> Method:
-    """The method of a stage by name, with parameters.
-
-    Parameters
-    ----------
-    stage : str
-        `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
-    name : str or None
-        A name that `method_class` takes; None is the stage's default.
-    parameters : dict or None
-        Values by parameter name; the others keep their defaults.
-    published : bool or str
-        Start from the numbers that the paper prints; a key in references.bib: only where the paper is this.
-
-    Returns
-    -------
-    Method
-        The method.
-
-    Raises
-    ------
-    ValueError
-        When there is no such stage, name or parameter, or a value is out of range.
-
-    Examples
-    --------
-    >>> from eaves.methods import make_method
-    >>> make_method("detect", "consensus", {"min_height": 2.0}).min_height
-    2.0
-    """
-    cls = method_class(stage, name or DEFAULTS[stage])
-    paper = published if isinstance(published, str) else None
-    base = cls.as_published(paper).model_dump() if published else {}
-    return cls(**{**base, **(parameters or {})})
-
-
 MethodChoice = Method | str | Mapping[str, Any] | None
 """A method, its name, its parameters (with its name under `method`), or None for the stage's default."""
 
@@ -562,7 +521,8 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool | str = Fal
     choice : Method, str, mapping or None
         A method, its name, its parameters (with its name under `method`), or None for the stage's default.
     published : bool or str
-        Methods given by name take the numbers that their papers print; as in `make_method`.
+        Methods given by name start from the numbers that the paper prints; a key in references.bib: only
+        where the paper is this.
 
     Returns
     -------
@@ -588,15 +548,16 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool | str = Fal
             raise TypeError(f"{type(choice).__name__} is a {of} method, and a {stage} method is wanted")
         check_contract(stage, type(choice))
         return choice
-    if choice is None or isinstance(choice, str):
-        return make_method(stage, choice, None, published)
-    if isinstance(choice, Mapping):
-        table = dict(choice)
-        return make_method(stage, table.pop("method", None), table, published)
-    raise TypeError(
-        f"a {stage} method is given by a value, a name or a table of parameters, not by "
-        f"{type(choice).__name__}; see `eaves methods {stage}`"
-    )
+    if not isinstance(choice, str | Mapping | None):
+        raise TypeError(
+            f"a {stage} method is given by a value, a name or a table of parameters, not by "
+            f"{type(choice).__name__}; see `eaves methods {stage}`"
+        )
+    table = dict(choice) if isinstance(choice, Mapping) else {"method": choice}
+    cls = method_class(stage, table.pop("method", None) or DEFAULTS[stage])
+    paper = published if isinstance(published, str) else None
+    base = cls.as_published(paper).model_dump() if published else {}
+    return cls(**{**base, **table})
 
 
 def emitter(debug: str | Path | Emit | None) -> Emit:

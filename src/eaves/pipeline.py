@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 from eaves.buildings.building_file import Kept
 from eaves.flow import region as steps
-from eaves.flow.collisions import edits_and_work
 from eaves.flow.outputs import finished_models, write_outputs
+from eaves.flow.refusals import edits_and_work
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.flow.step import Region
 from eaves.flow.tiles import WHOLE, Area, areas, leave
@@ -35,9 +35,8 @@ from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import BUILDINGS
 from eaves.run.lock import lock_folder
-from eaves.run.manifest import end_manifest
+from eaves.run.manifest import end_manifest, set_aside
 from eaves.run.options import RunOptions, list_options
-from eaves.run.set_aside import set_aside
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:

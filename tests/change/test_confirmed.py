@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.change.upkeep.confirmed import is_confirmed, overlapping_groups
+from eaves.change.upkeep.versions import is_confirmed, overlapping_groups
 from eaves.model import BuildingModel
 from eaves.simulate import nine_roofs_on_a_slope
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from eaves.methods import REGISTRY, make_method, method_class
+from eaves.methods import REGISTRY, method_class, resolve_method
 from eaves.simulate.objects.roofs import ExactScene
 from eaves.testing import LAWS
 
@@ -20,7 +20,7 @@ EVERY = [(stage, name) for stage, names in REGISTRY.items() for name in names]
 def test_a_method_holds_a_law(
     stage: str, name: str, law: Callable[..., None], nine_roofs: ExactScene
 ) -> None:
-    law(make_method(stage, name), nine_roofs)
+    law(resolve_method(stage, name), nine_roofs)
 
 
 @pytest.mark.parametrize(("stage", "name"), EVERY)

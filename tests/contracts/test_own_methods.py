@@ -402,7 +402,7 @@ def test_one_line_of_a_foreign_package_runs_its_step_and_those_that_follow_again
 def test_the_modules_that_a_foreign_one_takes_from_this_package_are_in_its_key(
     page_methods: ModuleType, nine_roofs_file: Path, tmp_path: Path
 ) -> None:
-    from eaves.run.code import package_sources
+    from eaves.run.keys import package_sources
 
     reached = package_sources().closure(["my_methods"])
     assert {"eaves.detect.stage", "eaves.solids.extrude", "eaves.units.stage", "eaves.methods"} <= reached

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eaves.detect import detect_buildings
 from eaves.formats import read
 from eaves.ground import classify_ground
-from eaves.methods import make_method
+from eaves.methods import resolve_method
 from eaves.model import PointCloud, Scene
 from eaves.raster.surfaces import make_scene
 from eaves.recipe.sources import SOURCES
@@ -41,14 +41,14 @@ def cloud_of(name: str) -> PointCloud:
 
 @cache
 def scene_of(name: str, ground: str) -> Scene:
-    cloud = classify_ground(cloud_of(name), make_method("ground", ground))  # type: ignore[arg-type]
+    cloud = classify_ground(cloud_of(name), resolve_method("ground", ground))  # type: ignore[arg-type]
     return make_scene(cloud, cloud.bounds)
 
 
 @cache
 def answer_of(name: str, source: str) -> NDArray[np.bool_]:
     methods = SOURCES[source].methods
-    detector = make_method("detect", methods["detect"])
+    detector = resolve_method("detect", methods["detect"])
     return np.asarray(detect_buildings(scene_of(name, methods["ground"]), detector).label > 0)  # type: ignore[arg-type]
 
 
@@ -57,9 +57,11 @@ def without(name: str, source: str, stage: str, off: dict[str, Any]) -> NDArray[
     methods = SOURCES[source].methods
     scene = scene_of(name, methods["ground"])
     if stage == "ground":
-        cloud = classify_ground(cloud_of(name), make_method("ground", methods["ground"], off))  # type: ignore[arg-type]
+        cloud = classify_ground(
+            cloud_of(name), resolve_method("ground", {"method": methods["ground"], **off})
+        )  # type: ignore[arg-type]
         scene, off = make_scene(cloud, cloud.bounds), {}
-    detector = make_method("detect", methods["detect"], off)
+    detector = resolve_method("detect", {"method": methods["detect"], **off})
     return np.asarray(detect_buildings(scene, detector).label > 0)  # type: ignore[arg-type]
 
 

@@ -13,7 +13,7 @@ from eaves.detect.consensus.borders import source_side
 from eaves.detect.consensus.evidence import gather_evidence
 from eaves.detect.consensus.segments import find_segments, inner_width
 from eaves.detect.consensus.windows import planes_kernel, window_sum
-from eaves.detect.toolkit.plane_moments import sums_of
+from eaves.geometry.planes import sums_of
 from eaves.model.scene import ROOF, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 

@@ -8,7 +8,7 @@ import pytest
 from eaves.detect import detect_buildings
 from eaves.detect.planar_patches import PlanarPatches, merge_mutually
 from eaves.detect.toolkit.cells import Cells, side_near
-from eaves.detect.toolkit.plane_moments import sums_of
+from eaves.geometry.planes import sums_of
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 

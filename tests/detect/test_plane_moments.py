@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eaves.detect.toolkit.plane_moments import fit_planes, plane_rmse, sums_of
+from eaves.geometry.planes import fit_planes, plane_rmse, sums_of
 from eaves.model import Points
 
 

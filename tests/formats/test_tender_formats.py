@@ -33,7 +33,7 @@ from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint
 from eaves.model.building import Installation
 from eaves.simulate import nine_roofs_on_a_slope
-from eaves.simulate.objects.solids import extrude_partition
+from eaves.simulate.objects.exact import extrude_partition
 from eaves.validate import validate_file
 
 DUTCH = system_of(parse_crs("28992+5709"), "test", (0.0, 0.0))
@@ -92,7 +92,8 @@ def test_citygml_has_every_building_and_refers_to_faces_it_has(
 def test_citygml_has_what_stands_on_a_roof(tmp_path: Path, version: Version) -> None:
     house = nine_roofs_on_a_slope(density=4.0).buildings[0].model((0.0, 0.0))
     bodies = [
-        extrude_partition([(shapely.box(x, 2.0, x + 1.0, 3.0), (0.0, 0.0, 9.5))], 8.0) for x in (2.0, 5.0)
+        extrude_partition([shapely.box(x, 2.0, x + 1.0, 3.0)], np.zeros(1, int), [(0.0, 0.0, 9.5)], 8.0)
+        for x in (2.0, 5.0)
     ]
     chimneys = [
         Installation("chimney", shapely.box(x, 2.0, x + 1.0, 3.0), 9.5, 1.2, 20, body)

@@ -65,6 +65,16 @@ def test_triangles_fill_a_face_and_look_outwards() -> None:
         assert (normal[face == number] @ vector > 0.0).all()
 
 
+def test_triangles_at_mirrored_places_run_around_as_their_rings_do() -> None:
+    slope = TABLE.take(np.array([True, False, False]))
+    places = slope.corners[:, :2] * [-1.0, 1.0]
+    corner, _ = slope.cut(places, slope.polygons_at(places), np.array([0]))
+    assert slope.ring_areas_at(places).tolist() == [-128.0, 8.0]
+    a, b, c = places[corner].transpose(1, 0, 2)
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert area.sum() == -60.0 and area.max() < 0.0
+
+
 def test_a_face_that_crosses_itself_is_a_fan__one_without_area_is_nothing() -> None:
     line = on_slope((0, 0), (4, 0), (8, 0))
     corner, face = FaceTable.of([[BOW], [line], [SQUARE]]).triangles()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.ground.contours.tracing import trace_contours
+from eaves.ground.contours import trace_contours
 from eaves.model import Raster
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from eaves.evaluate.ground import evaluate_ground
 from eaves.ground import GroundMethod, classify_ground
-from eaves.ground.contours import ContourGround
-from eaves.ground.contours.tracing import Contour
+from eaves.ground.contours import Contour, ContourGround
 from eaves.ground.smooth_region import SmoothRegion
 from eaves.model import Mask, PointCloud
 

@@ -7,7 +7,7 @@ import pytest
 
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.adaptive_tin.rim import rim_points
+from eaves.ground.adaptive_tin.method import rim_points
 from eaves.model import Bounds, PointCloud
 
 BOUNDS = Bounds(0.0, 0.0, 40.0, 30.0)

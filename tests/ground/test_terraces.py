@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.toolkit.terraces import find_terraces
+from eaves.ground.toolkit.seeds import find_terraces
 from eaves.model import Mask, Raster
 from eaves.raster.interpolate import fill_linear
 

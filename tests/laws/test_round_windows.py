@@ -17,7 +17,7 @@ from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.classifier import measured_terms
 from eaves.ground import classify_ground
-from eaves.methods import REGISTRY, make_method
+from eaves.methods import REGISTRY, resolve_method
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.model.cloud import GRID_STEP
 from eaves.raster.grid import grid_shape, whole_cells
@@ -81,7 +81,7 @@ def test_every_point_has_a_cell__and_no_side_is_a_cell_too_far(
 @given(window=windows)
 def test_every_filter_says_of_every_point_whether_it_is_ground(name: str, window: Cloud) -> None:
     cloud = points_of(window)
-    assert len(classify_ground(cloud, make_method("ground", name)).ground) == len(cloud)
+    assert len(classify_ground(cloud, resolve_method("ground", name)).ground) == len(cloud)
 
 
 @pytest.mark.parametrize("name", sorted(set(REGISTRY["detect"]) - {"given_classes"}))
@@ -90,7 +90,7 @@ def test_every_filter_says_of_every_point_whether_it_is_ground(name: str, window
 def test_every_detector_answers(name: str, window: Cloud) -> None:
     cloud = classify_ground(points_of(window))
     scene = scene_of(cloud, whole_cells(cloud.bounds, CELL))
-    assert len(detect_buildings(scene, make_method("detect", name)).label) == len(cloud)
+    assert len(detect_buildings(scene, resolve_method("detect", name)).label) == len(cloud)
 
 
 @settings(law, max_examples=20)

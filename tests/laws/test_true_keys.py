@@ -19,13 +19,13 @@ from eaves.change.edits import FLAT_ROOF, Edit
 from eaves.change.upkeep.corrected import correct, outlines_in
 from eaves.flow.region import bring_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
-from eaves.flow.step import Input, Region, Step, home_of
-from eaves.flow.steps import STEPS
+from eaves.flow.step import Input, Region, Step, bring, home_of
+from eaves.flow.steps import SHOWN, STEPS
 from eaves.model import Block
 from eaves.pipeline import build_run, end_run, find_buildings, hold_folder
 from eaves.reconstruct.overhangs import OverhangRules
-from eaves.run.code import Sources, package_sources
-from eaves.run.part_file import load_arrays
+from eaves.run.keys import Sources, package_sources
+from eaves.run.part_file import open_part
 from eaves.run.workers import Outcome, Workers
 
 PACKAGE = Path(eaves.__file__).parent
@@ -217,6 +217,7 @@ class Again:
         find_buildings(region)
         outlines = outlines_in(as_found(region.store), SIDE)
         correct(region, [Edit(FLAT_ROOF, outline, name) for name, outline in outlines.items()])
+        bring(region, SHOWN, region.blocks)
         assert not region.failed
         return {name: units for name, units in self.workers.units.items() if units}
 
@@ -261,7 +262,8 @@ def test_a_changed_input_is_looked_at_by_the_units_that_it_reaches_and_by_no_oth
         square = store.units(one.source.name, one.source.side or SIDE)[0]
         mark = store.mark(one.source.name, square)
         assert mark is not None
-        arrays = {**load_arrays(store.path(one.source.name, square)), "another": np.zeros(1)}
+        with open_part(store.path(one.source.name, square)) as part:
+            arrays = {**part, "another": np.zeros(1)}
         store.save(one.source.name, square, arrays, mark.read, mark.taken, mark.step)
     units = set(store.units(step.name, step.side or SIDE))
     computed = again.computed(region)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eaves.buildings.building import divide_parts
+from eaves.buildings.owned import divide_parts
 from eaves.model import Block, Boundary, Failure, Footprint, Raster
 from eaves.model.results import BuildingPoints
 from eaves.outline import regularise_outlines, trace_outline

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from eaves.methods import REGISTRY, make_method
+from eaves.methods import REGISTRY, resolve_method
 from eaves.model import Failure
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 
@@ -35,7 +35,7 @@ def hard_points(kind: str, rng: np.random.Generator) -> NDArray[np.float64]:
 @pytest.mark.parametrize("name", sorted(REGISTRY["outline"]))
 @pytest.mark.parametrize("kind", ["uniform", "rounded", "thin", "clusters", "ring", "outliers"])
 def test_result_is_a_valid_polygon_or_a_failure(name: str, kind: str) -> None:
-    method = make_method("outline", name)
+    method = resolve_method("outline", name)
     assert isinstance(method, OutlineMethod)
     rng = np.random.default_rng(7)
     for spacing in (0.1, 0.3, 0.5, 1.0, 2.0) * 3:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.raster.nearest import near_cells, nearest_cells
+from eaves.raster.interpolate import near_cells, nearest_cells
 
 
 @pytest.mark.parametrize(

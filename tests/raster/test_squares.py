@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from eaves.raster import squares
+from eaves.raster import groups
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 9])
@@ -14,9 +14,9 @@ def test_squares_are_those_of_scipy(size, shape):
     for share in (0.02, 0.5, 0.95, 1.0):
         mask = np.random.default_rng(7).random(shape) < share
         for mine, theirs in (
-            (squares.grown_by_square, ndimage.binary_dilation),
-            (squares.shrunk_by_square, ndimage.binary_erosion),
-            (squares.opened_by_square, ndimage.binary_opening),
-            (squares.closed_by_square, ndimage.binary_closing),
+            (groups.grown_by_square, ndimage.binary_dilation),
+            (groups.shrunk_by_square, ndimage.binary_erosion),
+            (groups.opened_by_square, ndimage.binary_opening),
+            (groups.closed_by_square, ndimage.binary_closing),
         ):
             assert np.array_equal(mine(mask, size), theirs(mask, square)), mine.__name__

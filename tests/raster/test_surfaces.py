@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from eaves.ground.toolkit.morphology import openings
+from eaves.ground.toolkit.seeds import openings
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.raster.grid import heights_of, highest_points, lowest_points, mean_heights, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_linear_twice, fill_nearest

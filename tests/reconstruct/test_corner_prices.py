@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.model import Points
-from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.toolkit.corner_prices import settle_corners
+from eaves.model import Integers, Points
+from eaves.reconstruct.arrangement import Arrangement, settle_corners
 from eaves.solids.coverage import Coverage, coverage_of
-from eaves.solids.half_edges import Integers
 from eaves.solids.simplification import is_sound
 
 SPACING = 0.25

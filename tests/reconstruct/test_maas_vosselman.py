@@ -10,8 +10,7 @@ from shapely import Polygon
 from eaves.figures.attributes import surface_heights
 from eaves.model import BuildingModel, Footprint, Points
 from eaves.reconstruct import reconstruct_building
-from eaves.reconstruct.maas_vosselman import MaasVosselman
-from eaves.reconstruct.maas_vosselman.primitives import cut_plan, fill_of
+from eaves.reconstruct.maas_vosselman import MaasVosselman, cut_plan, fill_of
 from eaves.reconstruct.moments import Moments
 from eaves.roof import segment_roof
 from eaves.roof.tin_faces import TinFaces

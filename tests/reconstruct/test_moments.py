@@ -9,8 +9,7 @@ import shapely
 from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
-from eaves.reconstruct.moments.extents import extent_of
+from eaves.reconstruct.moments.building import ParametricBuilding, extent_of, fit_building
 from eaves.reconstruct.moments.invariants import (
     ClosedForm,
     SurfaceMoments,

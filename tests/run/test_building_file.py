@@ -16,7 +16,7 @@ from eaves.buildings.building_file import (
 )
 from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingResult
-from eaves.run.part_file import load_arrays, save_part
+from eaves.run.part_file import load_part, save_part
 
 
 def some_results() -> list[BuildingResult]:
@@ -31,7 +31,7 @@ def some_results() -> list[BuildingResult]:
 
 def saved_in(path: Path) -> list[SavedBuilding]:
     """The buildings of a file."""
-    return saved_buildings(load_arrays(path))
+    return saved_buildings(load_part(path))
 
 
 def test_a_building_that_is_written_again_is_not_decoded_and_keeps_its_bytes(
@@ -41,8 +41,8 @@ def test_a_building_that_is_written_again_is_not_decoded_and_keeps_its_bytes(
     save_part(tmp_path / "a.npz", building_arrays(first))
     saved = saved_in(tmp_path / "a.npz")
     assert [one.row.values["id"] for one in saved] == ["b0", "b1", "b2"]
-    unpack, decoded = building_file.unpack_item, list[bytes]()
-    monkeypatch.setattr(building_file, "unpack_item", lambda data: decoded.append(data) or unpack(data))
+    unpack, decoded = building_file.unpack, list[bytes]()
+    monkeypatch.setattr(building_file, "unpack", lambda data: decoded.append(data) or unpack(data))
     save_part(tmp_path / "b.npz", building_arrays([saved[0], second[1], saved[2]]))
     assert not decoded
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
@@ -51,8 +51,8 @@ def test_a_building_that_is_written_again_is_not_decoded_and_keeps_its_bytes(
 def test_a_building_is_decoded_alone_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save_part(tmp_path / "a.npz", building_arrays(some_results()))
     one = saved_in(tmp_path / "a.npz")[2]
-    unpack, decoded = building_file.unpack_item, list[bytes]()
-    monkeypatch.setattr(building_file, "unpack_item", lambda data: decoded.append(data) or unpack(data))
+    unpack, decoded = building_file.unpack, list[bytes]()
+    monkeypatch.setattr(building_file, "unpack", lambda data: decoded.append(data) or unpack(data))
     result = one.result
     assert result.outcome == one.result.outcome == some_results()[2].outcome
     assert result.seconds == {"roof": 0.2} and np.array_equal(result.plane, np.full(6, 2))

@@ -18,7 +18,7 @@ import shapely
 from tests.conftest import build_in_blocks
 
 from eaves.model import Failure, Footprint
-from eaves.run.part_file import decode, encode, is_whole_part, open_part, save_part
+from eaves.run.part_file import is_whole_part, open_part, pack, save_part, unpack
 
 build = partial(build_in_blocks, 60.0)
 
@@ -33,13 +33,29 @@ def test_a_value_comes_back_as_it_was() -> None:
         "times": [datetime(2020, 1, 2, 3, 4, 5), date(2020, 1, 2), timedelta(days=1, microseconds=7)],
         "numpy": np.float32(0.1),
     }
-    arrays: list[Any] = []
-    back = decode(encode({**value, "array": np.arange(3.0)}, arrays), arrays)
-    assert np.array_equal(back.pop("array"), np.arange(3.0))
+    arrays = {"array": np.arange(3.0), "by columns": np.eye(3)[:2].T, "none": np.zeros((0, 3), np.int32)}
+    back = unpack(pack({**value, **arrays}))
+    for name, array in arrays.items():
+        again = back.pop(name)
+        assert again.dtype == array.dtype and again.flags.writeable and np.array_equal(again, array)
     assert back == value
+    empty = unpack(pack(np.zeros((0, 3))))
+    assert empty.shape == (0, 3)
     failure = Failure("no_area", "why", "outline", Footprint(shapely.box(0, 0, 1, 2), id="a", score=0.5))
-    again = decode(encode([failure], arrays), arrays)[0]
+    again = unpack(pack([failure]))[0]
     assert again == failure and again.footprint.polygon.equals_exact(failure.footprint.polygon, 0)
+
+
+@pytest.mark.parametrize(
+    "kind", ["os:system", "eaves.pipeline:build", "eaves.nowhere:Block", "eaves.model:one"]
+)
+def test_a_part_makes_nothing_but_data_of_the_package(kind: str) -> None:
+    data = pack(Failure("no_area", "why", "outline"))
+    name = f"{Failure.__module__}:Failure".encode()
+    assert name in data
+    text = data[4:].replace(name, kind.encode())
+    with pytest.raises(ValueError, match="no data of eaves"):
+        unpack(len(text).to_bytes(4, "little") + text)
 
 
 def test_a_pickle_in_place_of_a_part_is_never_loaded(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from tests.conftest import write_laz
 
 import eaves
 from eaves.flow.intermediates import StepMaps, lines_of
-from eaves.ground.contours.tracing import Contour
-from eaves.methods import make_method
+from eaves.ground.contours import Contour
+from eaves.methods import resolve_method
 from eaves.model import Bounds, Raster
 from eaves.raster.grid import empty_raster
 from eaves.raster.surfaces import make_scene
@@ -102,7 +102,7 @@ def test_the_maps_are_those_of_the_method(nine_roofs_file: Path, tmp_path: Path)
     (cores,) = (tmp_path / "steps").glob("*/*_detect_cores.tif")
     cloud = eaves.read(next(tmp_path.glob("classified*.laz"))).in_canonical_order()
     found: dict[str, Raster] = {}
-    make_method("detect", "contours").label(make_scene(cloud, cloud.bounds), found.__setitem__)
+    resolve_method("detect", "contours").label(make_scene(cloud, cloud.bounds), found.__setitem__)
     with rasterio.open(cores) as image:
         assert np.array_equal(image.read(1), found["cores"].values)
 

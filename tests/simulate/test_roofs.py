@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from eaves.model import Solid
-from eaves.simulate.objects.masses import Mass, roof_partition
+from eaves.simulate.objects.exact import Mass, roof_partition
 from eaves.simulate.objects.roofs import (
     chimney,
     flat,

@@ -26,7 +26,6 @@ from eaves.simulate.objects.houses import (
 )
 from eaves.simulate.objects.roofs import make_building, shifted_masses
 from eaves.simulate.objects.terrain import Corridor, cut_corridor, make_terrain
-from eaves.simulate.old_town import simulate_old_town
 from eaves.simulate.town import Town
 from eaves.validate import validate_model
 
@@ -157,13 +156,3 @@ def test_an_annex_on_a_hill_stands_over_the_ground_beside_it() -> None:
         roof = next(face for face in house.faces if face.polygon.contains(annex))
         place = np.array([[annex.x, annex.y]])
         assert roof.height_at(place)[0] - town.terrain.at(place)[0] > 1.9
-
-
-def test_levels_of_an_old_town_are_level_and_its_scan_knows_them() -> None:
-    old = simulate_old_town(0.0225, seed=5)
-    assert {level.kind for level in old.levels} == {"terrace", "court"}
-    again = simulate_old_town(0.0225, seed=5)
-    np.testing.assert_array_equal(old.town.terrain.heights, again.town.terrain.heights)
-    nodes = old.town.terrain.nodes().reshape(-1, 2)
-    even = [np.ptp(old.town.terrain.at(nodes[level.contains(nodes)])) for level in old.levels]
-    assert min(even) < 0.01 and len(old.town.buildings) > 5

@@ -7,9 +7,8 @@ import pytest
 import shapely
 from numpy.testing import assert_allclose
 
-from eaves.solids.coverage import NARROWEST_NECK, Coverage
+from eaves.solids.coverage import NARROWEST_NECK, OUTSIDE, Coverage
 from eaves.solids.cutting import arrange
-from eaves.solids.half_edges import OUTSIDE
 
 SQUARE = shapely.box(0.0, 0.0, 10.0, 10.0)
 

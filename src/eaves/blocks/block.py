@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.blocks.block_file import block_arrays
-from eaves.blocks.large import large_objects
+from eaves.blocks.ground import large_objects
 from eaves.detect import detect_buildings
 from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import COARSEST_M

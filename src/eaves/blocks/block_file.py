@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from eaves.model.cloud import BUILDING, GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
-from eaves.run.part_file import open_part
+from eaves.run.part_file import open_part, packed, unpack
 from eaves.run.store import SECONDS
 
 CANDIDATE_HEIGHT = 1.0
@@ -98,16 +97,15 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     # what was found outside given footprints is a building, too, though it is not modelled
     classes = np.where(result.vegetation > 0, result.vegetation, result.classification)
     classes[result.label > 0] = BUILDING
-    extent = result.extent
     about = {
         "spacing": result.spacing,
-        "extent": [extent.west, extent.south, extent.east, extent.north],
-        "doubts": [asdict(doubt) for doubt in result.doubts],
+        "extent": result.extent,
+        "doubts": result.doubts,
         "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
     }
     return {
-        "seconds": block_json(result.seconds),
-        "about": block_json(about),
+        "seconds": packed(result.seconds),
+        "about": packed(about),
         "classification": classes,
         "part": result.part,
         "candidate": np.packbits(candidate),
@@ -121,11 +119,6 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
         "seam_label": result.seam_label,
         "sides": border_sides(result, count),
     }
-
-
-def block_json(value: object) -> NDArray[np.uint8]:
-    """A value as JSON in bytes."""
-    return np.frombuffer(json.dumps(value).encode(), np.uint8)
 
 
 def ground_cells(result: BlockResult) -> NDArray[np.uint8]:
@@ -162,7 +155,7 @@ def see_shown(
     with regions[block] as file:
         arrays = {name: file[name] for name in ("about", "dtm", "dsm")}
         seconds = file.metadata().seconds
-    return arrays | {SECONDS: block_json({**seconds, "ground": float(ground[block][SECONDS])})}
+    return arrays | {SECONDS: packed({**seconds, "ground": float(ground[block][SECONDS])})}
 
 
 def show_block(seen: dict[str, NDArray[Any]], parameters: Any) -> dict[str, NDArray[Any]]:
@@ -176,7 +169,7 @@ class BlockFile:
     def __init__(self, path: Path, block: Block, read_points: Callable[[Block], NDArray[np.void]]) -> None:
         self.block, self._read_points = block, read_points
         self._file: Any = open_part(path)
-        self.about: dict[str, Any] = json.loads(self._file["about"].tobytes())
+        self.about: dict[str, Any] = unpack(self._file["about"])
 
     def __enter__(self) -> BlockFile:
         return self
@@ -190,9 +183,8 @@ class BlockFile:
 
     def metadata(self) -> BlockMetadata:
         """Extent, seconds and doubts."""
-        doubts = tuple(Doubt(**doubt) for doubt in self.about["doubts"])
-        seconds = json.loads(self._file["seconds"].tobytes())
-        return BlockMetadata(self.block, Bounds(*self.about["extent"]), seconds, doubts)
+        seconds = unpack(self._file["seconds"])
+        return BlockMetadata(self.block, self.about["extent"], seconds, self.about["doubts"])
 
     def raster(self, name: str) -> Raster:
         """`dtm`, `dsm` or `ground` (1 where a cell holds a ground point), about the block's corner."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eaves.model import Block, Mask
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
-from eaves.raster.squares import closed_by_square
+from eaves.raster.groups import closed_by_square
 from eaves.run.store import join_records
 
 Records = NDArray[Any]

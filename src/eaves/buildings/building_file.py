@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.figures.rows import BuildingRow
+from eaves.formats.atomic import atomic
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED
-from eaves.run.part_file import load_arrays, open_part, pack_item, unpack_item
+from eaves.run.part_file import load_part, open_part, pack, unpack
 from eaves.run.store import Store
 
 ROWS, ANSWERS = "rows", "answers"
@@ -29,10 +31,8 @@ SMALL_PARTS, PARTS_OF_ROWS = 8, 64
 class Section:
     """A value a building, each decoded when it is asked for, and kept where it `keeps` them."""
 
-    def __init__(
-        self, items: Sequence[bytes], of: Callable[[Any], Any] | None = None, keeps: bool = True
-    ) -> None:
-        self.items, self._of, self.keeps = items, of, keeps
+    def __init__(self, items: Sequence[bytes], keeps: bool = True) -> None:
+        self.items, self.keeps = items, keeps
         self.known: dict[int, Any] = {}
         """Number → value, of those that are decoded."""
 
@@ -42,8 +42,7 @@ class Section:
     def __getitem__(self, number: int) -> Any:
         if number in self.known:
             return self.known[number]
-        value = unpack_item(self.items[number])
-        value = value if self._of is None else self._of(value)
+        value = unpack(self.items[number])
         if self.keeps:
             self.known[number] = value
         return value
@@ -86,8 +85,8 @@ def building_arrays(
             sections[ROWS].append(result.rows.items[result.number])
             sections[ANSWERS].append(result.answers.items[result.number])
         else:
-            sections[ROWS].append(pack_item(vars(BuildingRow.of(result.outcome, result.seconds))))
-            sections[ANSWERS].append(pack_item(result.outcome))
+            sections[ROWS].append(pack(BuildingRow.of(result.outcome, result.seconds)))
+            sections[ANSWERS].append(pack(result.outcome))
     arrays: dict[str, NDArray[Any]] = {"keys": np.array([*keys] or [""] * len(results), "S32")}
     for name, items in sections.items():
         arrays[name] = np.frombuffer(b"".join(items), np.uint8)
@@ -108,7 +107,7 @@ def section_of(arrays: Mapping[str, NDArray[Any]], name: str, keeps: bool) -> Se
     """A section of `building_arrays`; see `Section`."""
     blob, ends = arrays[name].tobytes(), arrays[f"{name}-ends"].tolist()
     items = [blob[first:end] for first, end in zip([0, *ends], ends, strict=False)]
-    return Section(items, row_of if name == ROWS else None, keeps)
+    return Section(items, keeps)
 
 
 def saved_buildings(arrays: Mapping[str, NDArray[Any]]) -> list[SavedBuilding]:
@@ -135,11 +134,6 @@ def planes_of(arrays: Mapping[str, NDArray[Any]]) -> list[tuple[NDArray[np.int64
     pieces = (np.split(arrays[name], ends) for name in ("point_id", "plane"))
     keys = [key.decode() for key in arrays["keys"].tolist()]
     return list(zip(*(list(piece)[: len(keys)] for piece in pieces), keys, strict=True))
-
-
-def row_of(values: Mapping[str, Any]) -> BuildingRow:
-    """The row of what was packed of it."""
-    return BuildingRow(**values)
 
 
 def load_buildings(path: Path) -> list[SavedBuilding]:
@@ -206,4 +200,59 @@ def as_found(store: Store) -> Kept:
 def load_found(store: Store, owner: Block) -> dict[str, NDArray[Any]]:
     """The arrays of the buildings of a block as its run found them; empty for none."""
     path = as_found(store).path(owner)
-    return {} if path is None else load_arrays(path)
+    return {} if path is None else load_part(path)
+
+
+NUMBERS = "numbers.json"
+"""Beside the buildings of a run that was updated or corrected; else they are numbered in their order."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Id → the number of a building, the number before its first plane, and how many planes that leaves it;
+    and the next free ones. Numbers of removed buildings are never reused."""
+
+    of: dict[str, tuple[int, int, int]]
+    next: tuple[int, int]
+
+
+def read_numbers(buildings: Kept) -> Numbers | None:
+    """The numbers of buildings that were kept; None where they are numbered in their order."""
+    path = buildings.store.folder / NUMBERS
+    if not path.exists():
+        return None
+    content = json.loads(path.read_text(encoding="utf-8"))
+    return Numbers({name: tuple(numbers) for name, numbers in content["of"].items()}, tuple(content["next"]))
+
+
+def count_planes(buildings: Kept, owners: Sequence[Block]) -> dict[str, int]:
+    """Id → how many planes the points of a building bear, in the order of the buildings."""
+    counts = {}
+    for owner in owners:
+        for row, (_, plane) in zip(buildings.rows([owner]), buildings.planes(owner), strict=True):
+            counts[str(row.values["id"])] = int(plane.max(initial=0))
+    return counts
+
+
+def numbers_of_owners(buildings: Kept, owners: Sequence[Block]) -> Numbers:
+    """The numbers of all buildings, those of the `owners`."""
+    return read_numbers(buildings) or continued(Numbers({}, (1, 0)), count_planes(buildings, owners))
+
+
+def continued(before: Numbers, planes: dict[str, int]) -> Numbers:
+    """The numbers with those of buildings that came, and new ones for planes that have no room."""
+    of, (number, plane) = dict(before.of), before.next
+    for name, count in planes.items():
+        earlier = of.get(name)
+        if earlier is not None and count <= earlier[2]:
+            continue
+        of[name] = (number if earlier is None else earlier[0]), plane, count
+        number, plane = number + (earlier is None), plane + count
+    return replace(before, of=of, next=(number, plane))
+
+
+def keep_numbers(buildings: Kept, owners: Sequence[Block], before: Numbers) -> None:
+    """Write the numbers of buildings: those before, and what follows for owner blocks that changed."""
+    now = continued(before, count_planes(buildings, owners))
+    with atomic(buildings.store.folder / NUMBERS) as temporary:
+        temporary.write_text(json.dumps(vars(now)), encoding="utf-8")

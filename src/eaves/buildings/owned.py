@@ -1,4 +1,7 @@
-"""The buildings of one owner block: gathered, outlined together, divided, and modelled one by one."""
+"""The buildings of one owner block: gathered, outlined together, divided, and modelled one by one.
+
+The building pass gives outline facts, roof planes and valid solids of one building.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +11,45 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from eaves.blocks.block_file import BlockFile
-from eaves.buildings.building import (
-    broken_result,
-    building_pass,
-    divide_parts,
-    draw_footprints,
-    find_doubtful,
-)
 from eaves.buildings.building_file import SavedBuilding, building_arrays
-from eaves.buildings.gather import MARGIN, Gatherer
+from eaves.buildings.gather import MARGIN, Gatherer, cells_of, is_seen_beside
 from eaves.buildings.join import OwnedBuildings
+from eaves.figures.attributes import measure_again
+from eaves.figures.trust import CELLS
 from eaves.footprints.addresses import split_buildings
-from eaves.methods import ContractError
-from eaves.model import Block, Failure, Footprint
-from eaves.model.checks import error_line
+from eaves.geometry.tolerance import PLANARITY, SNAP
+from eaves.methods import ContractError, check_returned, naming
+from eaves.model import (
+    Block,
+    Boundary,
+    Bounds,
+    BuildingModel,
+    Failure,
+    Finding,
+    Footprint,
+    Points,
+    Raster,
+    RoofPlane,
+)
+from eaves.model.building import OVERHANGS
+from eaves.model.checks import error_line, is_array
+from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.model.scene import WALL
+from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
+from eaves.raster.surfaces import CELL
+from eaves.reconstruct import add_overhangs, reconstruct_building
+from eaves.roof import segment_roof
+from eaves.roof.toolkit.crowns import crown_points
 from eaves.run.clock import Clock
 from eaves.run.keys import key_of
+from eaves.validate import Tolerances, validate_model
+from eaves.validate.models import find_invalid
 
 if TYPE_CHECKING:
     from eaves.recipe.recipe import Recipe
@@ -137,3 +159,292 @@ def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint 
             log.debug("traceback", exc_info=True)
             return [Failure("internal_error", error_line(error), "outline")]
         return [draw_all([building], recipe)[0] for building in buildings]
+
+
+OBJECTS = "2.2"
+"""The first level of detail with objects on the roof."""
+
+BEND_DEG, FAR_M = 20.0, 1.0
+"""A corner turns by more, a curve by less; ground farther off (m) does not show where a building ends."""
+
+MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
+"""Sources of the height of a base; the column `ground_source` says it."""
+
+
+def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[BuildingPoints]:
+    """A building for each part that has an outline of its own; walls are of the nearest."""
+    roof = np.flatnonzero(building.part != WALL)
+    if building.given is not None or not len(roof):
+        return [building]
+    roof = roof[canonical_order(building.xyz[roof])]
+    with naming(outline):
+        number = outline.parts(building.xyz[roof], building.spacing)
+    is_valid = is_array(number, len(roof), "iu")
+    check_returned(outline, is_valid, f"as parts an array ({len(roof)},) of int32", number)
+    if not number.any():
+        return [building]
+    nearest = cKDTree(building.xyz[roof, :2]).query(building.xyz[:, :2])[1]
+    return [building.take(number[nearest] == k) for k in range(int(number.max()) + 1)]
+
+
+def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
+    """A footprint for each building that is not given one; those of one owner block are regularised together,
+    so that neighbours share their edges.
+    """
+    drawn: list[Footprint | Failure] = [
+        building.given or Failure("no_outline", "the outline stage answered nothing", "outline")
+        for building in buildings
+    ]
+    boundaries: dict[int, Boundary] = {}
+    for number, building in enumerate(buildings):
+        if building.given is None:
+            boundary = trace_outline(
+                building.roof_points,
+                building.spacing,
+                recipe.outline,
+                not_last=building.roof_not_last,
+                ground=None if building.ground_seen is None else cells_of(building.ground_seen),
+                others=building.others,
+            )
+            if isinstance(boundary, Failure):
+                drawn[number] = boundary
+            else:
+                boundaries[number] = boundary
+    regular = regularise_outlines(list(boundaries.values()), recipe.outline)
+    for number, footprint in zip(boundaries, regular, strict=True):
+        drawn[number] = footprint
+    return drawn
+
+
+def building_pass(
+    building: BuildingPoints,
+    footprint: Footprint | Failure,
+    recipe: Recipe,
+    unit_m: float = 1.0,
+    flat: bool = False,
+    check: bool = True,
+) -> BuildingResult:
+    """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in.
+
+    `flat` states that the roof is one level plane, whatever its points look like. Without `check` the model
+    may have levels that are not valid, or not asked for.
+    """
+    clock = Clock()
+    roof = np.flatnonzero(building.part != WALL)
+    roof = roof[~crown_points(building.xyz[roof], building.roof_not_last)]
+    points = building.xyz[roof]
+    plane = np.zeros(len(building.xyz), np.int32)
+    if isinstance(footprint, Failure):
+        blank = name_footprint(hull_of(building.xyz, building.spacing), building)
+        return BuildingResult(
+            Failure(footprint.code, footprint.reason, footprint.stage, blank),
+            building.point_id,
+            plane,
+            clock.laps,
+        )
+    footprint = name_footprint(footprint, building)
+    if recipe.lod == "0":
+        model = BuildingModel(footprint, {}, attributes=unit_attributes(footprint, building))
+        return BuildingResult(model, building.point_id, plane, clock.laps)
+
+    rng = np.random.default_rng(int(key_of(points), 16))  # by its points: nothing else changes its roof
+    planes = [level_plane(points)] if flat else segment_roof(points, building.spacing, recipe.roof, rng=rng)
+    for number, found in enumerate(planes, 1):
+        plane[roof[found.members]] = number
+    clock.lap("roof")
+
+    base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
+    if not np.isfinite(base):
+        outcome: BuildingModel | Failure = Failure(
+            "no_ground", "no terrain under the footprint", "reconstruct"
+        )
+    else:
+        outcome = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
+    described = outcome.lod if isinstance(outcome, BuildingModel) else ""
+    if isinstance(outcome, BuildingModel) and recipe.lod == OVERHANGS:
+        around = points if building.around is None else building.around
+        terrain_below = building.terrain.at(around)
+        over_ground = around[:, 2] - np.where(np.isfinite(terrain_below), terrain_below, base)
+        outcome = add_overhangs(outcome, around, over_ground, recipe.overhangs)
+    clock.lap("reconstruct")
+    if isinstance(outcome, BuildingModel) and check:
+        outcome = keep_valid(outcome, recipe.lod, unit_m)
+    clock.lap("validate")
+    if isinstance(outcome, Failure):
+        outcome = Failure(outcome.code, outcome.reason, outcome.stage, footprint)
+    else:
+        outcome = outcome if outcome.lod == described else measure_again(outcome)
+        facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
+        facts |= {"ground_source": CELLS} if recipe.from_raster else ground_facts(footprint, building)
+        if building.given is None:
+            facts |= outline_facts(footprint, building)
+        outcome = outcome.with_(attributes={**outcome.attributes, **facts})
+    return BuildingResult(outcome, building.point_id, plane, clock.laps)
+
+
+def level_plane(points: Points) -> RoofPlane:
+    """The level plane at the median height of roof points (N, 3), N > 0, with all of them."""
+    level = float(np.median(points[:, 2]))
+    rmse = float(np.sqrt(np.mean((points[:, 2] - level) ** 2)))
+    return RoofPlane((0.0, 0.0, level), np.arange(len(points)), rmse)
+
+
+def unit_attributes(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """The block that the building is a unit of, itself where it is whole, and how sure its walls are."""
+    block = footprint if building.block is None else name_footprint(building.block, building)
+    return {"block_id": block.id, "wall_certainty": building.wall_certainty}
+
+
+def hull_of(points: Points, spacing: float) -> Footprint:
+    """The convex hull of points, widened by the spacing: the place of a building that has no outline."""
+    return Footprint(
+        shapely.MultiPoint(points[:, :2]).convex_hull.buffer(max(spacing, 0.1), join_style="mitre")
+    )
+
+
+def name_footprint(footprint: Footprint, building: BuildingPoints) -> Footprint:
+    """The footprint with origin, score and, unless given one, the id of its representative point's cell."""
+    owner = building.owner_block
+    if footprint.id:
+        return footprint.with_(origin=owner.origin)
+    point = footprint.polygon.representative_point()
+    block = Block.at(point.x + owner.origin[0], point.y + owner.origin[1], owner.side)
+    column = int((point.x + owner.origin[0] - block.origin[0]) / CELL)
+    row = int((point.y + owner.origin[1] - block.origin[1]) / CELL)
+    name = f"b{block.column}_{block.row}_{column}_{row}"
+    return footprint.with_(origin=owner.origin, score=building.score, id=name)
+
+
+def heights_under(
+    footprint: Footprint, terrain: Raster, nearest: Points | None = None
+) -> tuple[float, float]:
+    """The lowest terrain height on the outline, or of the nearest ground where that is given, and its 5th
+    percentile (m); NaN where no terrain is known."""
+    rim = shapely.segmentize(footprint.polygon, terrain.cell)
+    heights = terrain.at(shapely.get_coordinates(rim)) if nearest is None else nearest[:, 2]
+    heights = heights[np.isfinite(heights)]
+    if len(heights) == 0:
+        return float("nan"), float("nan")
+    return float(heights.min()), float(np.percentile(heights, 5))
+
+
+def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """Source of the height of the base: `measured` where ground was seen beside the outline, else
+    `interpolated` by the terrain model; for a given footprint from the nearest ground, at a distance (m)."""
+    if building.ground_seen is None:
+        return {}
+    if building.ground_nearest is not None:
+        distance = shapely.distance(footprint.polygon, shapely.points(building.ground_nearest[:, :2])).min()
+        return {"ground_source": NEAREST, "ground_distance_m": round(float(distance), 1)}
+    beside = building.ground_beside
+    if beside is None:
+        beside = is_seen_beside(footprint.polygon, building.ground_seen)
+    return {"ground_source": MEASURED if beside else INTERPOLATED}
+
+
+def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """Figures of an outline that was not given: its corners, sides of the least rectangle around it, the
+    share of that, or of the least circle, that it fills, and the share, but for walls to other units, without
+    ground within `FAR_M`."""
+    polygon = footprint.polygon
+    rectangle = polygon.minimum_rotated_rectangle
+    around = min(rectangle.area, shapely.minimum_bounding_circle(polygon).area)
+    sides = np.hypot(*np.diff(shapely.get_coordinates(rectangle)[:3], axis=0).T)
+    facts: dict[str, object] = {
+        "width_m": round(float(sides.min()), 2),
+        "length_m": round(float(sides.max()), 2),
+        "corners": sum(map(corner_count, shapely.get_rings(polygon))),
+        "box_share": round(float(polygon.area / around), 3),
+    }
+    if building.ground_seen is not None:
+        outline = polygon if building.block is None else building.block.polygon
+        rim = shapely.get_coordinates(shapely.segmentize(polygon, CELL))
+        rim = rim[shapely.distance(shapely.points(rim), outline.boundary) <= 0.5 * CELL]
+        ground = cells_of(building.ground_seen)
+        ground = ground[Bounds(*polygon.bounds).buffered(FAR_M + CELL).contains(ground)]
+        shapely.prepare(outline)
+        ground = ground[~shapely.contains_xy(outline, ground)]
+        away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)
+        facts["hidden_share"] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
+    return facts
+
+
+def corner_count(ring: shapely.LinearRing) -> int:
+    """The corners of a ring that turn by more than a curve does; at least those of a rectangle."""
+    side = np.diff(shapely.get_coordinates(ring), axis=0)
+    angle = np.arctan2(side[:, 1], side[:, 0])
+    turn = np.abs(np.mod(angle - np.roll(angle, 1) + np.pi, 2.0 * np.pi) - np.pi)
+    return max(int((turn > np.radians(BEND_DEG)).sum()), 4)
+
+
+def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> BuildingModel | Failure:
+    """The model without the levels and objects that are finer than asked for or not valid, and why they went.
+
+    Other validators take their limits in the unit of the file: in feet they are a third of those in metres.
+    """
+    limits = limits_in(unit_m)
+    levels = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
+    bad: dict[str, Finding] = {}
+    bare = model.with_(solids=levels, installations=())
+    if validate_model(different_levels(bare), limits):
+        for lod, solids in levels.items():
+            findings = validate_model(bare.with_(solids={lod: solids}), limits)
+            if findings:
+                bad[lod] = findings[0]
+    good = {lod: solids for lod, solids in levels.items() if lod not in bad}
+    reasons = "; ".join(
+        f"LoD {lod}: {finding.code} {finding.name} {finding.detail}" for lod, finding in sorted(bad.items())
+    )
+    if not good:
+        return Failure("invalid_solid", reasons or "no solid", "reconstruct")
+    sound = bare.with_(solids=good)
+    attributes = {**model.attributes, "lod": sound.lod}
+    if bad and max(bad) > sound.lod:
+        attributes |= {"fallback_code": "invalid_solid", "fallback_reason": reasons}
+    if sound.lod >= OBJECTS:
+        roof = sound.with_(solids={sound.lod: good[sound.lod]})
+        for installation in model.installations:
+            more = roof.with_(installations=(*roof.installations, installation))
+            roof = roof if validate_model(more, limits) else more
+        attributes |= {"installation_count": len(roof.installations)} if model.installations else {}
+        sound = sound.with_(installations=roof.installations)
+    return sound.with_(attributes=attributes)
+
+
+def limits_in(unit_m: float) -> Tolerances:
+    """The tolerances for models that are written in a unit (m)."""
+    return Tolerances(snap=SNAP * min(1.0, unit_m), planarity=PLANARITY * min(1.0, unit_m))
+
+
+def different_levels(model: BuildingModel) -> BuildingModel:
+    """The model with one level of those that are the same solids."""
+    different = {
+        tuple(
+            part.tobytes()
+            for solid in solids
+            for part in (solid.vertices, solid.corners, solid.ring_sizes, solid.ring_counts)
+        ): lod
+        for lod, solids in model.solids.items()
+    }
+    return model.with_(solids={lod: model.solids[lod] for lod in different.values()})
+
+
+def find_doubtful(results: Sequence[BuildingResult], finest: str, unit_m: float) -> list[int]:
+    """The numbers of results of `building_pass` without `check` that it would have changed: those with no
+    level, and with levels that are not valid, or finer than asked for."""
+    models = [
+        (number, result.outcome)
+        for number, result in enumerate(results)
+        if isinstance(result.outcome, BuildingModel)
+    ]
+    odd = {number for number, model in models if not model.solids or max(model.solids) > finest}
+    rest = [(number, model) for number, model in models if number not in odd]
+    bad = find_invalid([different_levels(model) for _, model in rest], limits_in(unit_m))
+    return sorted(odd | {rest[place][0] for place in bad})
+
+
+def broken_result(building: BuildingPoints, error: Exception) -> BuildingResult:
+    """The rest of a building whose pass raised: its place, its points, the error as the reason."""
+    place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
+    failure = Failure("internal_error", error_line(error), "pipeline", place)
+    return BuildingResult(failure, building.point_id, np.zeros(len(building.xyz), np.int32))

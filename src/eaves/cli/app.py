@@ -22,7 +22,7 @@ from eaves.cli.runs import (
     report_aborts,
     report_error,
 )
-from eaves.run.garbage import collect_rarely
+from eaves.run.memory import collect_rarely
 
 
 def show_version(wanted: bool) -> None:

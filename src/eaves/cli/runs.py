@@ -155,7 +155,7 @@ def run_build(
 ) -> Summary:
     """Build with progress on screen. `given`: a configuration file, which the command line's methods and the
     `--set` words overrule."""
-    from eaves.run.garbage import keep_all
+    from eaves.run.memory import keep_all
 
     start_log(quiet, verbose)
     with keep_all():

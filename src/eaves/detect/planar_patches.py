@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from eaves.detect.stage import Detector
 from eaves.detect.toolkit.cells import Cells, side_near
-from eaves.detect.toolkit.plane_moments import Sums, fit_planes, plane_rmse, sums_of
+from eaves.geometry.planes import Sums, fit_planes, plane_rmse, sums_of
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Regions, Scene, Values
 from eaves.model.scene import ROOF

@@ -11,8 +11,7 @@ from eaves.figures.roof_figures import face_shapes, roof_figures, storey_figures
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.roof_fit import highest_faces
-from eaves.model import BuildingModel, Integers, Mask, Points, Solid, Values
-from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
+from eaves.model import ROOF_SURFACE, WALL_SURFACE, BuildingModel, Integers, Mask, Points, Solid, Values
 
 NEAR_M = 0.2
 """A point this near (m) to its face lies on it: six times the noise of a common scan."""

@@ -14,8 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.figures.roof_figures import QUARTERS, quarter_of
 from eaves.geometry.face_table import FaceTable
-from eaves.model import BuildingModel
-from eaves.model.building import WALL_SURFACE
+from eaves.model import WALL_SURFACE, BuildingModel
 
 PARTY_WALLS = "party_wall_area_m2"
 

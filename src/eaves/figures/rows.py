@@ -13,8 +13,7 @@ from shapely import Polygon
 from eaves.figures.party_walls import envelope_figures
 from eaves.figures.trust import judge
 from eaves.geometry.face_table import FaceTable
-from eaves.model import BuildingModel, Failure, Footprint
-from eaves.model.building import OVERHANGS, ROOF_SURFACE
+from eaves.model import OVERHANGS, ROOF_SURFACE, BuildingModel, Failure, Footprint
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.blocks.block_file import BlockFile
-from eaves.buildings.building_file import Kept
+from eaves.buildings.building_file import Kept, read_numbers
 from eaves.flow.exports import classified_name
-from eaves.flow.numbers import read_numbers
 from eaves.flow.run import Run
 from eaves.formats import InputError, write_classified
 from eaves.formats.atomic import atomic
@@ -27,10 +26,9 @@ from eaves.formats.points.classified import SUPERSEDED, UNCHANGED
 from eaves.model import BLOCK_SIDE, Block
 from eaves.model.cloud import BUILDING
 from eaves.model.provenance import Provenance
-from eaves.run.code import package_sources
 from eaves.run.index import Index
 from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
-from eaves.run.keys import key_of
+from eaves.run.keys import key_of, package_sources
 from eaves.run.manifest import is_changed, known_files
 from eaves.run.partition import Window, file_slices
 

@@ -25,8 +25,7 @@ from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
 from eaves.model.provenance import Provenance
-from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest
-from eaves.run.set_aside import set_aside, work_of_persons
+from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest, set_aside, work_of_persons
 
 Writer = Callable[..., object]
 
@@ -205,7 +204,7 @@ def write_contours(folder: Path, interval: float) -> Path:
         When the interval is not above 0.
     """
     from eaves.formats.rasters.geotiff import read_raster
-    from eaves.ground.contours.tracing import trace_contours
+    from eaves.ground.contours import trace_contours
 
     check_positive(interval, "--contours")
     read_manifest(folder)

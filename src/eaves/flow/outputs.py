@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import shapely
+from shapely import Polygon
+
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
-from eaves.buildings.building_file import Kept
-from eaves.figures.party_walls import envelope_figures
+from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
+from eaves.figures.party_walls import PARTY_GAP, Walls, envelope_figures, wall_figures
 from eaves.figures.trust import judge
 from eaves.flow.exports import export_footprints, export_models, export_points
-from eaves.flow.neighbours import party_walls
-from eaves.flow.numbers import read_numbers
 from eaves.flow.review import (
     LAYER,
     REVIEW,
@@ -36,10 +38,9 @@ from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
-from eaves.run.manifest import MANIFEST, begin_manifest
+from eaves.run.manifest import MANIFEST, begin_manifest, set_aside, work_of_persons
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
-from eaves.run.set_aside import set_aside, work_of_persons
 from eaves.run.store import SECONDS
 from eaves.run.workers import peak_memory_mb
 
@@ -342,3 +343,74 @@ def summarise(
         files=tuple(files),
         failed=tuple(dict.fromkeys(region.failed)),
     )
+
+
+HOMES_IN_MEMORY = 16
+"""Home blocks whose buildings are kept while those around them are looked at."""
+
+
+def party_walls(buildings: Kept, owners: Sequence[Block]) -> list[dict[str, float] | None]:
+    """The walls each building shares with others, and its free ones, in the order of the store's results;
+    None for a building without solids."""
+
+    @lru_cache(maxsize=HOMES_IN_MEMORY)
+    def load(owner: int) -> Callable[[int], Walls | None]:
+        """The walls of each of an owner block's buildings: measured once, for one has several neighbours."""
+        outcomes = buildings.section(owners[owner], ANSWERS)
+        return lru_cache(maxsize=None)(lambda number: walls_of(outcomes[number]))
+
+    boxes = np.array([extent_of(buildings, owner) for owner in owners], object)
+    first, second = shapely.STRtree(boxes).query(boxes, predicate="dwithin", distance=PARTY_GAP)
+    near = {number: {number} for number in range(len(owners))}
+    for owner, neighbour in zip(first.tolist(), second.tolist(), strict=True):
+        near[owner].add(neighbour)
+    walls: list[dict[str, float] | None] = []
+    for owner in near:
+        walls += walls_in(buildings, owners, owner, sorted(near[owner]), load)
+    return walls
+
+
+def extent_of(buildings: Kept, owner: Block) -> Polygon:
+    """The rectangle (world metres) around the buildings that a block owns."""
+    outlines = [row.polygon for row in buildings.rows([owner])]
+    return shapely.envelope(shapely.geometrycollections(outlines))
+
+
+def walls_in(
+    buildings: Kept,
+    owners: Sequence[Block],
+    owner: int,
+    near: Sequence[int],
+    load: Callable[[int], Callable[[int], Walls | None]],
+) -> list[dict[str, float] | None]:
+    """The walls of the buildings of one owner block, beside those of the owner blocks near it, by number."""
+    places = [
+        (number, place, row.polygon)
+        for number in near
+        for place, row in enumerate(buildings.rows([owners[number]]))
+    ]
+    subjects = [k for k, (number, *_) in enumerate(places) if number == owner]
+    shapes = np.array([polygon for *_, polygon in places], object)
+    first, second = shapely.STRtree(shapes).query(shapes[subjects], predicate="dwithin", distance=PARTY_GAP)
+    return [
+        shared_by(places[k][:2], [places[n][:2] for n in np.sort(second[first == subject]).tolist()], load)
+        for subject, k in enumerate(subjects)
+    ]
+
+
+def walls_of(outcome: BuildingModel | Failure) -> Walls | None:
+    """The walls of a building that has solids."""
+    return Walls.of(outcome) if isinstance(outcome, BuildingModel) and outcome.solids else None
+
+
+def shared_by(
+    place: tuple[int, int],
+    near: Sequence[tuple[int, int]],
+    load: Callable[[int], Callable[[int], Walls | None]],
+) -> dict[str, float] | None:
+    """The walls (m², `wall_figures`) of the building at `place`, an owner and a number in it."""
+    subject = load(place[0])(place[1])
+    if subject is None:
+        return None
+    neighbours = [load(owner)(number) for owner, number in near if (owner, number) != place]
+    return wall_figures(subject, [walls for walls in neighbours if walls is not None])

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eaves.buildings.building_file import NUMBERS
 from eaves.buildings.edited import OwnedOrders
 from eaves.buildings.join import (
     OwnedBuildings,
@@ -20,10 +21,9 @@ from eaves.buildings.join import (
     join_regions,
     with_addresses,
 )
-from eaves.flow.numbers import NUMBERS
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, request_of
-from eaves.flow.step import Region, Step, bring, bring_inputs, compute, results_of, squares_read, store_of
+from eaves.flow.step import Region, Step, bring, results_of, squares_read, store_of
 from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED
 from eaves.flow.tiles import (
     Area,
@@ -187,7 +187,7 @@ def replace_points(region: Region) -> None:
         later |= set(ring(block)) if newest >= generations[0] else set()
     units = [block for block in blocks if block in later]
     store.keep_only(SUPERSEDED.name, units)
-    compute(region, SUPERSEDED, units)
+    bring(region, SUPERSEDED, units)
     results = dict(store.found(SUPERSEDED.name, units))
     region.points_keys = {
         name: key_of(key, results[name]) if name in results else key
@@ -286,8 +286,7 @@ def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
 def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
     bring_points(region, BUILDINGS, plans)
-    bring_inputs(region, BUILDINGS, plans)
-    compute(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
+    bring(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
     region.budget.step("buildings")
 
 
@@ -295,8 +294,7 @@ def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
     """The buildings of some owner blocks after a person's edits."""
     for group in by_tile(region, units):
         bring_points(region, EDITED, group)
-        bring_inputs(region, EDITED, group)
-        compute(region, EDITED, group)
+        bring(region, EDITED, group)
         if region.run.by_tiles:
             let_go(region)
 

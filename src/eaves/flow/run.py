@@ -15,13 +15,15 @@ from typing import Any, Self, Unpack
 
 import eaves
 from eaves.flow.advice import ScanFacts, scan_facts
-from eaves.flow.collisions import EDITS, refuse_collisions, refuse_overwrite
 from eaves.flow.exports import COPC, TILES, check_formats, classified_name, planned_names
 from eaves.flow.refusals import (
+    EDITS,
+    refuse_collisions,
     refuse_full_disk,
     refuse_no_classes,
     refuse_no_fields,
     refuse_no_points,
+    refuse_overwrite,
     refuse_small_memory,
     refuse_unknown_code,
     warn_of_memory,

@@ -22,9 +22,8 @@ from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.clock import Budget
-from eaves.run.code import Sources, package_sources
-from eaves.run.keys import key_of, modules_of
-from eaves.run.part_file import as_arrays, load_arrays, load_value
+from eaves.run.keys import Sources, key_of, modules_of, package_sources
+from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import PartMark
 from eaves.run.points import load_window
 from eaves.run.store import Store
@@ -73,8 +72,6 @@ class Step:
         `see(unit, *inputs, parameters)`: exactly what the result follows from.
     run : callable
         `run(seen, parameters)`: the result, a value or arrays by name.
-    types : mapping
-        The classes of a result that is a value; without them it is arrays by name.
     load : callable or None
         `load(path, square, read_points)`: a result that is opened, and read as the steps that take it need
         it, with the points of its square.
@@ -92,13 +89,14 @@ class Step:
         The name under which its time is booked.
     shown : bool
         True if the progress shown is that of the step.
+    stays : bool
+        True if a run by tiles keeps its results of finished tiles.
     """
 
     name: str
     takes: tuple[Input, ...]
     see: Callable[..., Any]
     run: Callable[..., Any]
-    types: Mapping[str, type[Any]] = field(default_factory=dict)
     load: Callable[[Path, Block, Callable[[Block], NDArray[Any]]], Any] | None = None
     reads: tuple[str, ...] = ()
     side: float | None = None
@@ -107,13 +105,14 @@ class Step:
     earlier: Callable[[Path], Any] | None = None
     booked: str = "blocks"
     shown: bool = False
+    stays: bool = False
 
     def result(self, store: Store, square: Block) -> Any:
         """Its result in a square, as the steps that take it are given it."""
         path = store.path(self.name, square)
         if self.load is not None:
             return self.load(path, square, store.read_points)
-        return load_value(path, self.types) if self.types else load_arrays(path)
+        return load_part(path)
 
     def within(self, reach: str) -> Input:
         """Its results within the reach that a parameter names."""
@@ -194,8 +193,8 @@ class Region:
     """Blocks left out, with the number of their points."""
     points_keys: Mapping[str, str] = field(default_factory=dict)
     """Block, by its name → the key of its points."""
-    brought: dict[str, set[Block]] = field(default_factory=dict)
-    """Step, by its name → the squares whose results are there."""
+    brought: dict[str, set[Any]] = field(default_factory=dict)
+    """Step, by its name → the units whose results are there."""
     visits: dict[Block | None, Visit] = field(default_factory=dict)
     """Tile → what was found of it; None → of a run in one piece."""
     unfinished: frozenset[Block] = frozenset()
@@ -364,40 +363,20 @@ class Work:
 
 
 def bring(region: Region, step: Step, units: Sequence[Any]) -> None:
-    """The results of a step for some units, and before them all results of other steps that it takes."""
+    """The results of a step for some units, and before them all results of other steps that it takes.
+
+    Those of units that have none yet of what it reads are computed, and kept with their keys.
+    """
     brought = region.brought.setdefault(step.name, set())
-    units = [unit for unit in units if unit not in brought and region.computes(step, unit)]
+    units = [unit for unit in units if unit not in brought]
     if not units or (step.needs and not parameter(region.run, step.needs)):
         return
     brought.update(units)
-    bring_inputs(region, step, units)
-    compute(region, step, units)
-
-
-def bring_inputs(region: Region, step: Step, units: Sequence[Any]) -> None:
-    """All results of other steps that a step takes for some units."""
-    work = Work.of(step, region.run)
+    store, work = region.store, Work.of(step, region.run)
     for number, entry in enumerate(step.takes):
         if entry.source is not None:
             squares = {square for unit in units for square in work.squares(number, unit)}
-            bring(region, entry.source, sorted(squares - region.brought.get(entry.source.name, set())))
-
-
-def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:
-    """The blocks whose points decide the results of a step for some units, by way of all steps it takes."""
-    work, blocks = Work.of(step, run), set[Block]()
-    for number, entry in enumerate(step.takes):
-        squares = {square for unit in units for square in work.squares(number, unit)}
-        if entry.source is None:
-            blocks |= squares
-        elif not entry.source.needs or parameter(run, entry.source.needs):
-            blocks |= squares_read(run, entry.source, squares)
-    return blocks
-
-
-def compute(region: Region, step: Step, units: Sequence[Any]) -> None:
-    """The results of a step for those units that have none yet of what it reads, each with its key."""
-    store, work = region.store, Work.of(step, region.run)
+            bring(region, entry.source, sorted(filter(partial(region.computes, entry.source), squares)))
     tasks = []
     for unit in units:
         files = [files_read(region, work, number, unit) for number in range(len(step.takes))]
@@ -410,6 +389,18 @@ def compute(region: Region, step: Step, units: Sequence[Any]) -> None:
         region.budget.add(step.booked, outcome.cpu)
         if step.shown:
             region.progress(step.booked, count, len(tasks))
+
+
+def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:
+    """The blocks whose points decide the results of a step for some units, by way of all steps it takes."""
+    work, blocks = Work.of(step, run), set[Block]()
+    for number, entry in enumerate(step.takes):
+        squares = {square for unit in units for square in work.squares(number, unit)}
+        if entry.source is None:
+            blocks |= squares
+        elif not entry.source.needs or parameter(run, entry.source.needs):
+            blocks |= squares_read(run, entry.source, squares)
+    return blocks
 
 
 def files_read(region: Region, work: Work, number: int, unit: Any) -> list[tuple[str, str]]:

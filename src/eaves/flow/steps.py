@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from eaves.blocks.block import find_regions, see_regions
 from eaves.blocks.block_file import BlockFile, see_shown, show_block
-from eaves.blocks.ground import classify_block, see_ground
-from eaves.blocks.large import (
-    TYPES,
+from eaves.blocks.ground import (
+    classify_block,
     find_floor,
     find_large,
     find_square_decks,
     see_decks,
     see_floors,
+    see_ground,
     see_points,
 )
 from eaves.blocks.superseded import find_superseded, see_scans
@@ -39,7 +39,6 @@ FLOORS = Step(
     takes=(Input(load=load_points),),
     see=see_points,
     run=find_floor,
-    types=TYPES,
     booked="wide",
 )
 LARGE = Step(
@@ -48,7 +47,6 @@ LARGE = Step(
     takes=(FLOORS.within("wide_buffer"),),
     see=see_floors,
     run=find_large,
-    types=TYPES,
     reads=("ground", "wide_buffer"),
     needs="sees_wide",
     booked="wide",
@@ -59,7 +57,6 @@ DECKS = Step(
     takes=(FLOORS.within("wide_buffer"), LARGE.around(0)),
     see=see_decks,
     run=find_square_decks,
-    types=TYPES,
     reads=("wide_buffer",),
     needs="sees_decks",
     booked="wide",
@@ -114,6 +111,7 @@ BUILDINGS = Step(
     earlier=load_buildings,
     booked="buildings",
     shown=True,
+    stays=True,
 )
 EDITED = Step(
     name=keys.EDITED,
@@ -123,6 +121,7 @@ EDITED = Step(
     reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low", "from_raster"),
     booked="buildings",
     shown=True,
+    stays=True,
 )
 SHOWN = Step(
     name="shown",
@@ -130,7 +129,8 @@ SHOWN = Step(
     see=see_shown,
     run=show_block,
     load=BlockFile,
+    stays=True,
 )
 """What the files show of a block, of a run by tiles, which lets go of the other results."""
-STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED)
-"""Those of every run, in the order in which they run."""
+STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED, SHOWN)
+"""In the order in which they run."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from eaves.buildings.join import OwnedBuildings, block_of
 from eaves.flow.run import TILE_SIDE, Run
-from eaves.flow.step import Given, Region, Visit, bring_inputs, compute, squares_read
+from eaves.flow.step import Given, Region, Visit, bring, squares_read
 from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
-from eaves.run.code import package_sources
 from eaves.run.index import Index
-from eaves.run.keys import key_of, modules_of
-from eaves.run.part_file import as_arrays, load_value
+from eaves.run.keys import key_of, modules_of, package_sources
+from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
 
@@ -95,16 +94,9 @@ class Area:
         """True if a block is in it."""
         return not self.tiles or tile_of(block, self.tiles[0].side) in self.tiles
 
-    def parts(self) -> list[Area]:
-        """Its tiles as areas of their own."""
-        return [Area((tile,)) for tile in self.tiles] or [self]
-
 
 WHOLE = Area()
 """The area of a run in one piece."""
-
-
-VISIT_TYPES = {cls.__name__: cls for cls in (Visit, Block, Bounds)}
 
 
 def areas(region: Region) -> Iterator[Area]:
@@ -166,25 +158,22 @@ def inputs_meeting(index: Index, places: Sequence[Bounds]) -> NDArray[np.int64]:
 def leave(region: Region, area: Area, plans: Sequence[OwnedBuildings]) -> None:
     """Remember what was found of an area, and let go of what no unfinished one can reach."""
     store = region.store
-    if area.tiles:
-        shown = [block for block in region.blocks if area.holds(block) and store.has(REGIONS.name, block)]
-        bring_inputs(region, SHOWN, shown)
-        compute(region, SHOWN, shown)
-    read = tuple(bounds_by_tile(region.within or set(), region.run.tile_side))
-    for part in area.parts():
+    for tile in area.tiles or [None]:
+        part = WHOLE if tile is None else Area((tile,))
         owners = tuple(sorted(plan.owner_block for plan in plans if part.holds(plan.owner_block)))
         blocks = tuple(block for block in region.blocks if part.holds(block))
-        points = sum(map(store.count_points, blocks))
-        if not area.tiles:
-            region.visits[None] = Visit(owners, blocks, points)
-            continue
-        (tile,) = part.tiles
-        visit = Visit(owners, blocks, points, read, key_of_tile(region, tile, read))
+        region.visits[tile] = Visit(owners, blocks, sum(map(store.count_points, blocks)))
+    if not area.tiles:
+        return
+    shown = [block for block in region.blocks if area.holds(block) and store.has(REGIONS.name, block)]
+    bring(region, SHOWN, shown)
+    read = tuple(bounds_by_tile(region.within or set(), region.run.tile_side))
+    for tile in area.tiles:
+        visit = replace(region.visits[tile], read=read, key=key_of_tile(region, tile, read))
         region.visits[tile] = visit
         if len(region.failed) == area.failures:
             store.save(VISITED, tile, as_arrays(visit))
-    if area.tiles:
-        let_go(region)
+    let_go(region)
 
 
 def key_of_tile(region: Region, tile: Block, read: Sequence[Bounds]) -> str:
@@ -204,7 +193,7 @@ def is_visited(region: Region, tile: Block) -> bool:
     """True if the buildings of a tile are known: visited by this run, or by one that was broken off."""
     store, visit = region.store, region.visits.get(tile)
     if visit is None and store.has(VISITED, tile):
-        visit = load_value(store.path(VISITED, tile), VISIT_TYPES)
+        visit = load_part(store.path(VISITED, tile))
         units = {BUILDINGS.name: visit.owners, SHOWN.name: visit.blocks}
         if not all(store.has(name, unit) for name, places in units.items() for unit in places):
             return False
@@ -225,7 +214,7 @@ def let_go(region: Region) -> None:
         return any(tile in region.unfinished for tile in tiles)
 
     for step in STEPS:
-        if step.booked != BUILDINGS.booked:
+        if not step.stays:
             for unit in store.units(step.name, step.side or side):
                 if not is_reached(unit.bounds):
                     store.remove(step.name, unit)

@@ -92,9 +92,14 @@ class FaceTable:
         return np.arange(len(self)).repeat(self.ring_counts)
 
     @cached_property
+    def ring_of_corner(self) -> Integers:
+        """The ring (V,) of each corner."""
+        return np.arange(len(self.ring_sizes)).repeat(self.ring_sizes)
+
+    @cached_property
     def face_of_corner(self) -> Integers:
         """The face (V,) of each corner, and of the edge that begins there."""
-        return self.face_of_ring.repeat(self.ring_sizes)
+        return self.face_of_ring[self.ring_of_corner]
 
     @cached_property
     def following(self) -> Integers:
@@ -185,14 +190,24 @@ class FaceTable:
 
     def polygons(self, dimensions: int = 2) -> NDArray[np.object_]:
         """The faces (F,) as polygons, in plan or with their heights."""
-        return self._polygons(self.corners[:, :dimensions])
+        return self.polygons_at(self.corners[:, :dimensions])
 
-    def _polygons(self, places: Values) -> NDArray[np.object_]:
+    def polygons_at(self, places: Values, faces: Mask | None = None) -> NDArray[np.object_]:
+        """The faces, all or those of a mask (F,), as polygons with their corners at other places (V, 2 or
+        3)."""
+        if faces is not None:
+            return self.take(faces).polygons_at(places[faces[self.face_of_corner]])
         if not len(self):
             return np.empty(0, object)
-        ring = np.repeat(np.arange(len(self.ring_sizes)), self.ring_sizes)
-        rings = shapely.linearrings(places, indices=ring)
+        rings = shapely.linearrings(places, indices=self.ring_of_corner)
         return np.asarray(shapely.polygons(rings, indices=self.face_of_ring), object)
+
+    def ring_areas_at(self, places: Values) -> Values:
+        """Twice the area (R,) in each ring with its corners at places (V, 2), negative when it runs
+        clockwise."""
+        following = places[self.following]
+        twice = places[:, 0] * following[:, 1] - places[:, 1] * following[:, 0]
+        return np.asarray(np.bincount(self.ring_of_corner, twice, len(self.ring_sizes)), np.float64)
 
     def triangles(self) -> tuple[Integers, Integers]:
         """Corners (T, 3) and face (T,) of triangles, counter-clockwise from outside.
@@ -204,23 +219,30 @@ class FaceTable:
             return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
         frame, owner = self._frames(), self.face_of_corner
         aside = self.corners - frame[owner, 0]
-        places = np.stack([(aside * frame[owner, axis]).sum(axis=1) for axis in (1, 2)], axis=1) + 0.0
-        shapes = self._polygons(places)
+        places = np.stack([(aside * frame[owner, axis]).sum(axis=1) for axis in (1, 2)], axis=1)
+        shapes = self.polygons_at(places)
         valid = shapely.is_valid(shapes)
-        cut = shapely.constrained_delaunay_triangles(shapes[valid])
-        pieces, number = shapely.get_parts(cut, return_index=True)
-        face = np.flatnonzero(valid)[number]
-        uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-        side, diagonal = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-        clockwise = side[:, 0] * diagonal[:, 1] < side[:, 1] * diagonal[:, 0]
-        uv[clockwise] = uv[clockwise][:, ::-1]
-        corner = self._corners_at(places, uv.reshape(-1, 2) + 0.0, np.repeat(face, 3)).reshape(-1, 3)
+        corner, face = self.cut(places, shapes[valid], np.flatnonzero(valid))
         crossing = np.flatnonzero(~valid & (self.areas > 0.0))
         fans = [self._fan(number) for number in crossing.tolist()]
         corner = np.concatenate([corner, *fans])
         face = np.concatenate([face, np.repeat(crossing, [len(fan) for fan in fans])])
         order = np.argsort(face, kind="stable")
         return corner[order], face[order]
+
+    def cut(self, places: Values, shapes: NDArray[np.object_], faces: Integers) -> tuple[Integers, Integers]:
+        """Corners (T, 3) and face (T,) of constrained Delaunay triangles of the valid polygons `shapes` (K,)
+        that `faces` (K,) make with their corners at places (V, 2). They run around as the outer ring does.
+        """
+        pieces, number = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
+        uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+        face = faces[number]
+        corner = self._corners_at(places, uv.reshape(-1, 2), np.repeat(face, 3)).reshape(-1, 3)
+        side, diagonal = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+        twice = side[:, 0] * diagonal[:, 1] - side[:, 1] * diagonal[:, 0]
+        backwards = twice * self.ring_areas_at(places)[self.outer[face]] < 0.0
+        corner[backwards] = corner[backwards][:, ::-1]
+        return corner, face
 
     def _fan(self, face: int) -> Integers:
         """The corners (T, 3) of triangles about the first corner of an outer ring."""
@@ -232,7 +254,7 @@ class FaceTable:
         """The corners (K,) of faces (K,) at places `targets` (K, 2) on their planes, where the corners are
         at `places` (V, 2)."""
         owner = np.concatenate([self.face_of_corner, face])
-        u, v = np.concatenate([places, targets]).T
+        u, v = np.concatenate([places, targets]).T + 0.0  # -0.0 becomes 0.0
         order = np.lexsort((v, u, owner))
         new = np.zeros(len(order), np.int64)
         for key in (owner[order], u[order], v[order]):

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import chain
-
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -23,27 +19,6 @@ def signed_area(ring: Values) -> float:
     return float(0.5 * (np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
 
-def area_vector(ring: Values) -> Values:
-    """Area (m²) inside a ring (M, 3) times its unit normal, (3,): half of Newell's sum of cross products."""
-    # column by column: np.cross and np.roll spend ten times the work on finding out what they were given
-    shifted = ring - ring[0]
-    x, y, z = shifted.T
-    following = np.concatenate([shifted[1:], shifted[:1]])
-    u, v, w = following.T
-    cross = np.empty(shifted.shape)
-    cross[:, 0], cross[:, 1], cross[:, 2] = y * w - z * v, z * u - x * w, x * v - y * u
-    return np.asarray(0.5 * cross.sum(axis=0))
-
-
-def ring_edges(
-    rings: Sequence[Sequence[int]],
-) -> tuple[Integers, Integers, Integers]:
-    """Start and end of the edges of closed rings of vertex numbers (E,), (E,), and their rings (E,)."""
-    size = np.array([len(ring) for ring in rings], np.int64)
-    start = np.fromiter(chain.from_iterable(rings), np.int64, int(size.sum()))
-    return start, start[following_places(size)], np.repeat(np.arange(len(size)), size)
-
-
 def following_places(size: Integers) -> Integers:
     """The place (V,) of the corner after each, in rings of `size` (R,) corners that stand one behind the
     other."""
@@ -51,17 +26,6 @@ def following_places(size: Integers) -> Integers:
     following = np.arange(1, int(size.sum()) + 1)
     following[after[size > 0] - 1] = (after - size)[size > 0]
     return following
-
-
-def polygons_of(faces: Sequence[Sequence[Values]]) -> NDArray[np.object_]:
-    """Polygons (F,) of the rings (M, 2 or 3) of faces, the outer one first, made together."""
-    rings = [ring for face in faces for ring in face]
-    if not rings:
-        return np.empty(0, object)
-    size = [len(ring) for ring in rings]
-    lines = shapely.linearrings(np.concatenate(rings), indices=np.repeat(np.arange(len(size)), size))
-    owner = np.repeat(np.arange(len(faces)), [len(face) for face in faces])
-    return np.asarray(shapely.polygons(lines, indices=owner), object)
 
 
 def split_loops(ring: Integers) -> list[Integers]:

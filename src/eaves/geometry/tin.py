@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Bounds, Points, Values
-from eaves.model.cloud import GRID_STEP
+from eaves.model import GRID_STEP, Bounds, Points, Values
 
 Ids = NDArray[np.int32]
 OUTSIDE = -1

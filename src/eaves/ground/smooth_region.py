@@ -134,22 +134,22 @@ class SmoothRegion(GroundMethod):
         part = find_walls_and_trees(cloud, self.neighbours, self.wall_angle, self.tree_share)
         emit("walls", cloud.xyz[part == WALL])
         emit("trees", cloud.xyz[part == TREE])
-        left = np.flatnonzero(part == 0)
-        if len(left) <= self.neighbours:
+        smooth = np.flatnonzero(part == 0)
+        if len(smooth) <= self.neighbours:
             return ground, part
-        xyz = cloud.xyz[left]
+        xyz = cloud.xyz[smooth]
         planes = local_planes(xyz, self.neighbours, self.neighbours)  # again, without walls and trees
         region = grow_regions(xyz, planes, self.smooth_angle)
         every = np.zeros(len(cloud), np.int64)
-        every[left] = region + 1
+        every[smooth] = region + 1
         emit("regions", every)
         area = region_areas(xyz, region, self.area_cell * planes.spacing)
         chosen = np.zeros(len(area), bool)
         chosen[np.argmax(area)] = True
         if self.level > 0.0:
             self.add_level_regions(xyz, region, area, chosen)
-        ground[left] = chosen[region]
-        part[left[(area < self.noise_area)[region] & ~ground[left]]] = NOISE
+        ground[smooth] = chosen[region]
+        part[smooth[(area < self.noise_area)[region] & ~ground[smooth]]] = NOISE
         emit("small regions", cloud.xyz[part == NOISE])
         return ground & ~over, part
 
@@ -158,16 +158,16 @@ class SmoothRegion(GroundMethod):
         large = area >= self.noise_area
         while True:
             ground = np.flatnonzero(chosen[region])
-            rest = np.flatnonzero((large & ~chosen)[region])
-            if len(rest) == 0:
+            candidates = np.flatnonzero((large & ~chosen)[region])
+            if len(candidates) == 0:
                 return
             tin, nearest = Tin(xyz[ground]), cKDTree(xyz[ground, :2])
-            base = tin.interpolate(xyz[ground, 2], xyz[rest])
+            base = tin.interpolate(xyz[ground, 2], xyz[candidates])
             outside = np.flatnonzero(np.isnan(base))
-            base[outside] = xyz[ground[nearest.query(xyz[rest[outside], :2])[1]], 2]
-            above = xyz[rest, 2] - base
-            order = np.lexsort((above, region[rest]))
-            number, count = np.unique(region[rest], return_counts=True)
+            base[outside] = xyz[ground[nearest.query(xyz[candidates[outside], :2])[1]], 2]
+            above = xyz[candidates, 2] - base
+            order = np.lexsort((above, region[candidates]))
+            number, count = np.unique(region[candidates], return_counts=True)
             start = np.cumsum(count) - count
             low, high = above[order][start + (count - 1) // 2], above[order][start + count // 2]
             fits = np.abs(0.5 * (low + high)) <= self.level

@@ -22,9 +22,18 @@ from eaves.methods import (
     naming,
     resolve_method,
 )
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import (
+    GROUND,
+    HIGH_NOISE,
+    LOW_NOISE,
+    NOISE_CLASSES,
+    UNCLASSIFIED,
+    Bounds,
+    Mask,
+    PointCloud,
+    Points,
+)
 from eaves.model.checks import check_type, is_array
-from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
 
 
 class GroundMethod(Method):
@@ -131,40 +140,40 @@ def classify_ground(
     check_type(cloud, PointCloud, "cloud", "use eaves.read(path) or PointCloud.from_world(xyz)")
     filter_ = resolve_method("ground", method)
     assert isinstance(filter_, GroundMethod)
-    given = cloud.classification
+    file_classes = cloud.classification
     finite = finite_kernel(cloud.xyz)
     classes = np.full(len(cloud), UNCLASSIFIED, np.uint8)
     classes[~finite] = LOW_NOISE
-    if use_classes and given is not None and bool((given == GROUND).any()):
-        classes[finite] = given[finite]
+    if use_classes and file_classes is not None and bool((file_classes == GROUND).any()):
+        classes[finite] = file_classes[finite]
         return cloud.with_(classification=classes)
 
-    left = np.flatnonzero(finite)
-    if given is not None:  # noise classes of the file are always kept
-        noise = np.isin(given[left], NOISE_CLASSES)
-        classes[left[noise]] = given[left[noise]]
-        left = left[~noise]
-    taken = cloud.with_(classification=None, part=None, point_id=None).take(left)
-    low, high = find_outliers(taken)
-    classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
+    usable = np.flatnonzero(finite)
+    if file_classes is not None:  # noise classes of the file are always kept
+        noise = np.isin(file_classes[usable], NOISE_CLASSES)
+        classes[usable[noise]] = file_classes[usable[noise]]
+        usable = usable[~noise]
+    clean = cloud.with_(classification=None, part=None, point_id=None).take(usable)
+    low, high = find_outliers(clean)
+    classes[usable[low]], classes[usable[high]] = LOW_NOISE, HIGH_NOISE
     good = np.flatnonzero(~(low | high))
-    taken, good = taken.take(good), left[good]
-    order = taken.canonical_order()
-    taken, place = taken.take(order), good.take(order)
-    del left, good, order, low, high, finite  # of a dense square they would be alive at the peak of memory
-    if wide is None and len(taken):
-        patch = filter_.find_wide_objects(Floor.of(taken))
+    clean, good = clean.take(good), usable[good]
+    order = clean.canonical_order()
+    clean, place = clean.take(order), good.take(order)
+    del usable, good, order, low, high, finite  # of a dense square they would be alive at the peak of memory
+    if wide is None and len(clean):
+        patch = filter_.find_wide_objects(Floor.of(clean))
         wide = None if patch is None else WideObjects((patch,))
-    over = np.zeros(len(taken), bool) if wide is None else wide.over(taken)
+    over = np.zeros(len(clean), bool) if wide is None else wide.over(clean)
     with naming(filter_):
-        mask, found = filter_.separate(taken, over, emitter(debug), core)
-    held = is_array(mask, len(taken), "b")
-    check_returned(filter_, held, f"an array ({len(taken)},) of bool", mask)
+        mask, unsure = filter_.separate(clean, over, emitter(debug), core)
+    is_mask = is_array(mask, len(clean), "b")
+    check_returned(filter_, is_mask, f"an array ({len(clean)},) of bool", mask)
     classes[place[mask]] = GROUND
     part = None
-    if found is not None:
+    if unsure is not None:
         part = np.zeros(len(cloud), np.uint8)
-        part[place] = found
+        part[place] = unsure
     return cloud.with_(classification=classes, part=part)
 
 

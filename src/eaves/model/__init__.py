@@ -1,8 +1,15 @@
-"""The nouns that flow."""
+"""The nouns that flow, and the constants of their fields."""
 
 from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Rectangle, Values
-from eaves.model.block import BLOCK_SIDE, Block, Bounds
+from eaves.model.block import BLOCK_SIDE, SEAM, Block, Bounds
 from eaves.model.building import (
+    GROUND_SURFACE,
+    LODS,
+    NO_PLANE,
+    OUTER_CEILING_SURFACE,
+    OVERHANGS,
+    ROOF_SURFACE,
+    WALL_SURFACE,
     Boundary,
     BuildingModel,
     Face,
@@ -13,20 +20,62 @@ from eaves.model.building import (
     RoofPlane,
     Solid,
 )
-from eaves.model.cloud import PointCloud
+from eaves.model.cloud import (
+    BRIDGE_DECK,
+    BUILDING,
+    GRID_STEP,
+    GROUND,
+    HIGH_NOISE,
+    HIGH_VEGETATION,
+    LOW_NOISE,
+    LOW_VEGETATION,
+    MEDIUM_VEGETATION,
+    NOISE_CLASSES,
+    UNCLASSIFIED,
+    WATER,
+    WIRE,
+    WIRE_TOWER,
+    PointCloud,
+    canonical_order,
+    snap,
+)
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
+from eaves.model.doubt import Doubt
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.model.scene import Raster, Regions, Scene
 
 __all__ = [
     "BLOCK_SIDE",
+    "BRIDGE_DECK",
+    "BUILDING",
+    "GRID_STEP",
+    "GROUND",
+    "GROUND_SURFACE",
+    "HIGH_NOISE",
+    "HIGH_VEGETATION",
     "LOCAL_METRES",
+    "LODS",
+    "LOW_NOISE",
+    "LOW_VEGETATION",
+    "MEDIUM_VEGETATION",
+    "NOISE_CLASSES",
     "NOTHING_KNOWN",
+    "NO_PLANE",
+    "OUTER_CEILING_SURFACE",
+    "OVERHANGS",
+    "ROOF_SURFACE",
+    "SEAM",
+    "UNCLASSIFIED",
+    "WALL_SURFACE",
+    "WATER",
+    "WIRE",
+    "WIRE_TOWER",
     "Block",
     "Boundary",
     "Bounds",
     "BuildingModel",
     "CoordinateSystem",
+    "Doubt",
     "Face",
     "Failure",
     "Finding",
@@ -46,4 +95,6 @@ __all__ = [
     "Scene",
     "Solid",
     "Values",
+    "canonical_order",
+    "snap",
 ]

@@ -230,7 +230,7 @@ class Solid:
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> solid = nine_roofs_on_a_slope(density=1.0).buildings[0].model().solids["2.2"][0]
     >>> solid.vertices.shape, len(solid.faces), solid.faces[0].surface
-    ((8, 3), 6, 'RoofSurface')
+    ((8, 3), 6, 'GroundSurface')
     """
 
     vertices: Points
@@ -357,10 +357,10 @@ class BuildingModel:
             "volume (m³)": "volume_m3",
         }
         shown |= {"RMSE (m)": "rmse_m", "points": "points"}
-        known = {words: self.attributes.get(name) for words, name in shown.items()}
+        values = {title: self.attributes.get(name) for title, name in shown.items()}
         facts: dict[str, Any] = {"id": self.footprint.id or None, "level of detail": self.lod}
         facts |= {
-            words: f"{value:,.2f}" if isinstance(value, float) else value for words, value in known.items()
+            title: f"{value:,.2f}" if isinstance(value, float) else value for title, value in values.items()
         }
         return as_html("BuildingModel", facts, self._repr_svg_())
 

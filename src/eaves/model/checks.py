@@ -79,6 +79,6 @@ def describe(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array {value.shape} of {value.dtype}"
     if isinstance(value, list | tuple):
-        kinds = sorted({type(one).__name__ for one in value})
+        kinds = sorted({type(item).__name__ for item in value})
         return f"a {type(value).__name__} of {len(value)} {' and '.join(kinds) or 'values'}"
     return "None" if value is None else f"a value of type {type(value).__name__}"

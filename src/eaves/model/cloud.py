@@ -122,8 +122,8 @@ class PointCloud:
     def _repr_html_(self) -> str:
         from eaves.model.pictures import as_html, cloud_picture
 
-        known = np.isfinite(self.xyz).all(axis=1)
-        box = np.ptp(self.xyz[known], axis=0) if known.any() else np.zeros(3)
+        finite = np.isfinite(self.xyz).all(axis=1)
+        box = np.ptp(self.xyz[finite], axis=0) if finite.any() else np.zeros(3)
         facts = {
             "points": f"{len(self):,}",
             "extent": f"{box[0]:,.0f} × {box[1]:,.0f} m, {box[2]:,.0f} m high",
@@ -146,9 +146,9 @@ class PointCloud:
         index = np.flatnonzero(which) if which.dtype == np.bool_ else which
         if len(index) == len(self) and bool((index == np.arange(len(self))).all()):
             return self
-        known = {name: getattr(self, name) for name in ARRAYS}
+        columns = {name: getattr(self, name) for name in ARRAYS}
         arrays: dict[str, Any] = {
-            name: one if one is None else one.take(index) for name, one in known.items()
+            name: array if array is None else array.take(index) for name, array in columns.items()
         }
         if self.fields:
             arrays["fields"] = {name: values.take(index) for name, values in self.fields.items()}
@@ -209,17 +209,17 @@ def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> 
         ordered = key if rising else key.take(order)
         tied = np.flatnonzero(ordered[1:] == ordered[:-1])
     else:  # columns so far apart that 63 bits do not hold the keys
-        known = np.where(np.isfinite(xyz[:, :2]), xyz[:, :2], 0.0)
-        x, y = (np.rint(column * PER_METRE) for column in known.T)
+        finite = np.where(np.isfinite(xyz[:, :2]), xyz[:, :2], 0.0)
+        x, y = (np.rint(column * PER_METRE) for column in finite.T)
         order = np.lexsort((x, y, np.floor(x / PER_METRE), np.floor(y / PER_METRE)))
         tied = np.flatnonzero((x[order][1:] == x[order][:-1]) & (y[order][1:] == y[order][:-1]))
     if len(tied):
-        some = np.unique(np.concatenate([tied, tied + 1]))
-        group = np.cumsum(np.r_[1, np.diff(some) > 1]) + np.cumsum(~np.isin(some, tied + 1))
-        members = order[some]
+        rows = np.unique(np.concatenate([tied, tied + 1]))
+        group = np.cumsum(np.r_[1, np.diff(rows) > 1]) + np.cumsum(~np.isin(rows, tied + 1))
+        members = order[rows]
         last = np.zeros(len(members), np.uint8) if tie_break is None else tie_break[members]
         x, y, z = xyz[members].T  # off the grid x and y may differ still
-        order[some] = members[np.lexsort((members, last, x, y, z, group))]
+        order[rows] = members[np.lexsort((members, last, x, y, z, group))]
     return order.astype(np.int64, copy=False)
 
 

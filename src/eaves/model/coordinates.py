@@ -46,11 +46,11 @@ def describe_units(units: Mapping[str, str]) -> str:
     where all of them are metres."""
     if not set(units.values()) - {"metre"}:
         return ""
-    words = {
+    names = {
         what: name.replace("foot", "feet") if "foot" in name else f"{name}s" for what, name in units.items()
     }
-    upright = f", its heights in {words['heights']}" if words["heights"] != words["geometry"] else ""
-    return f"geometry in {words['geometry']}{upright}, attributes in {words['attributes']}"
+    upright = f", its heights in {names['heights']}" if names["heights"] != names["geometry"] else ""
+    return f"geometry in {names['geometry']}{upright}, attributes in {names['attributes']}"
 
 
 LOCAL_METRES = CoordinateSystem()

@@ -94,8 +94,8 @@ def raster_picture(heights: NDArray[np.float32], cell: float) -> Image:
 
 def height_colours(heights: Values) -> Values:
     """Colours (H, W, 3) of heights."""
-    known = heights[np.isfinite(heights)]
-    low, high = np.percentile(known, [5.0, 95.0]) if len(known) else (0.0, 1.0)
+    finite = heights[np.isfinite(heights)]
+    low, high = np.percentile(finite, [5.0, 95.0]) if len(finite) else (0.0, 1.0)
     share = np.clip((np.nan_to_num(heights, nan=low) - low) / max(high - low, 1e-9), 0.0, 1.0)
     ramp = np.array([LOW, MIDDLE, HIGH], np.float64)
     return np.stack([np.interp(share, [0.0, 0.5, 1.0], ramp[:, band]) for band in range(3)], axis=2)
@@ -136,9 +136,11 @@ def solids_svg(solids: Iterable[Solid]) -> str:
                 continue
             bright = 0.72 + 0.28 * float(normal @ LIGHT) / size
             colour = tuple(int(band * bright) for band in SURFACE_COLOURS.get(face.surface, (180, 180, 180)))
-            seen = [ring @ view.T for ring in rings]
-            faces.append((float(seen[0][:, 2].mean()), [ring[:, :2] * [1.0, -1.0] for ring in seen], colour))
-    faces.sort(key=lambda one: -one[0])
+            views = [ring @ view.T for ring in rings]
+            faces.append(
+                (float(views[0][:, 2].mean()), [ring[:, :2] * [1.0, -1.0] for ring in views], colour)
+            )
+    faces.sort(key=lambda face: -face[0])
     return svg([(rings, colour) for _, rings, colour in faces])
 
 

@@ -65,11 +65,11 @@ class Raster:
     def _repr_html_(self) -> str:
         from eaves.model.pictures import as_html, raster_picture
 
-        known = self.values[np.isfinite(self.values)]
+        finite = self.values[np.isfinite(self.values)]
         facts = {
             "cells": f"{self.shape[0]:,} × {self.shape[1]:,} of {self.cell:g} m",
-            "heights": f"{known.min():.1f} to {known.max():.1f} m" if len(known) else "none",
-            "no data": f"{1.0 - len(known) / max(self.values.size, 1):.1%}",
+            "heights": f"{finite.min():.1f} to {finite.max():.1f} m" if len(finite) else "none",
+            "no data": f"{1.0 - len(finite) / max(self.values.size, 1):.1%}",
         }
         return as_html("Raster", facts, raster_picture(self.values, self.cell))
 
@@ -183,11 +183,11 @@ class Regions:
 def bilinear_kernel(values: NDArray[Any], west: float, north: float, cell: float, xy: Points) -> Values:
     """Bilinear values (N,) of a raster (H, W) at points (N, 2 or 3), NaN at those without coordinates."""
     rows, columns = values.shape
-    found = np.empty(len(xy))
+    heights = np.empty(len(xy))
     for i in range(len(xy)):
         x, y = (xy[i, 0] - west) / cell - 0.5, (north - xy[i, 1]) / cell - 0.5
         if np.isnan(x) or np.isnan(y):
-            found[i] = np.nan
+            heights[i] = np.nan
             continue
         x, y = min(max(x, 0.0), columns - 1.0), min(max(y, 0.0), rows - 1.0)
         column, row = min(int(x), max(columns - 2, 0)), min(int(y), max(rows - 2, 0))
@@ -195,5 +195,5 @@ def bilinear_kernel(values: NDArray[Any], west: float, north: float, cell: float
         fx, fy = x - column, y - row
         top = values[row, column] * (1.0 - fx) + values[row, east] * fx
         bottom = values[south, column] * (1.0 - fx) + values[south, east] * fx
-        found[i] = top * (1.0 - fy) + bottom * fy
-    return found
+        heights[i] = top * (1.0 - fy) + bottom * fy
+    return heights

@@ -140,7 +140,7 @@ class Summary:
         total = sum(self.seconds.values()) or 1.0
         rows = [
             f"{name:<22}{cpu:>8.2f} s {100 * cpu / total:>5.1f} %"
-            for name, cpu in sorted(self.seconds.items(), key=lambda one: -one[1])
+            for name, cpu in sorted(self.seconds.items(), key=lambda item: -item[1])
         ]
         lines = ["processor time", *rows, f"{'together':<22}{total:>8.2f} s"]
         if self.points:
@@ -156,8 +156,8 @@ class Summary:
             for lod, count in self.by_lod.items()
         )
         files = self.run.get("files", 1)
-        used = "" if self.points_used in (None, self.points) else f"{self.points_used:,} of "
-        inputs = f"{files:,} file{'s' * (files != 1)}, {used}{self.points:,} points"
+        of_all = "" if self.points_used in (None, self.points) else f"{self.points_used:,} of "
+        inputs = f"{files:,} file{'s' * (files != 1)}, {of_all}{self.points:,} points"
         methods = self.run.get("methods")
         if methods is not None and methods.get("detect") is None:  # of buildings nothing was asked
             return f"{inputs}, ground and noise classified\n{self._ending()}"
@@ -195,7 +195,7 @@ class Summary:
     def _last_line(self) -> str:
         remote, network = self.run.get("remote"), ""
         if remote:
-            read, whole = (remote[name] / 1e6 for name in ("bytes_read", "bytes"))
-            network = f"; {read:.1f} of {whole:.1f} MB read over the network"
+            read, total = (remote[name] / 1e6 for name in ("bytes_read", "bytes"))
+            network = f"; {read:.1f} of {total:.1f} MB read over the network"
         memory = self.run.get("peak_memory_mb", 0)
         return f"{self.elapsed:.1f} s, peak {memory} MB; results in {self.folder}{network}"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from rasterio import Affine, features
+from shapely import Polygon
 
 from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, Integers, Points, Raster, Values
@@ -103,3 +107,16 @@ def mean_kernel(
             if count[row, column] > 0:
                 mean[row, column] = total[row, column] / count[row, column]
     return mean, count
+
+
+def rasterize(polygons: Sequence[Polygon], bounds: Bounds, cell: float) -> Raster:
+    """1 in every cell whose centre lies in a polygon, else 0; `bounds` run along cell borders."""
+    shape = (round(bounds.height / cell), round(bounds.width / cell))
+    values = np.zeros(shape, np.float32)
+    if polygons:
+        features.rasterize(
+            ((polygon, 1) for polygon in polygons),
+            out=values,
+            transform=Affine(cell, 0.0, bounds.west, 0.0, -cell, bounds.north),
+        )
+    return Raster(values, bounds.west, bounds.north, cell)

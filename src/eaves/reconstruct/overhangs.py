@@ -15,10 +15,9 @@ from shapely import Polygon
 from eaves.figures.attributes import LEAST_SHOWN, surface_heights
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
-from eaves.model.building import OVERHANGS, WALL_SURFACE
+from eaves.model import OVERHANGS, WALL_SURFACE, Bounds, BuildingModel, Mask, Points, Solid, Values
 from eaves.model.checks import check_points, check_type
-from eaves.solids.half_edges import MOST_ROUNDS
+from eaves.solids.coverage import MOST_ROUNDS
 from eaves.solids.undersides import RoofPlan, build_overhanging, walls_inside
 
 SOURCE = "2.2"
@@ -150,33 +149,33 @@ def measure_overhangs(
     """
     rules = rules or OverhangRules()
     start, end = edges_inward(outline)
-    seen = Bounds(*outline.bounds).buffered(rules.beside + rules.window).contains(points)
-    points, over_ground = points[seen], over_ground[seen]
+    around = Bounds(*outline.bounds).buffered(rules.beside + rules.window).contains(points)
+    points, over_ground = points[around], over_ground[around]
     over, below = depth_below(solids, outline, points, rules)
     upright = below & (over_ground > rules.above_ground)
     wall, passing = points[upright], points[below & ~upright & (over > rules.widest)]
-    found = find_walls(start, end, wall, rules)
+    overhangs = find_walls(start, end, wall, rules)
     along, depth, length = edge_frames(start, end, passing)
     beneath = shapely.contains_xy(outline, passing[:, 0], passing[:, 1])
     roof = points[shapely.contains_xy(outline, points[:, 0], points[:, 1]) & (np.abs(over) < rules.thickness)]
     if len(roof) and len(passing):
         beneath &= cKDTree(roof[:, :2]).query(passing[:, :2])[0] <= measure_spacing(roof)
     edge_of = nearest_edge(start, end, passing)
-    left = [edge for edge in range(len(start)) if edge not in found]
-    deep = {edge: beneath & (edge_of == edge) & (depth[edge] > rules.open_depth) for edge in left}
+    unseen = [edge for edge in range(len(start)) if edge not in overhangs]
+    deep = {edge: beneath & (edge_of == edge) & (depth[edge] > rules.open_depth) for edge in unseen}
     # a roof none of whose walls is seen stands free when its edges together show the ground below, and more
     # of it than of what may be a wall; a single point may be an error
     within = wall[shapely.contains_xy(outline, wall[:, 0], wall[:, 1]), :2]
     hanging = int((shapely.distance(outline.exterior, shapely.points(within)) > rules.beside).sum())
-    free = not found and sum(int(own.sum()) for own in deep.values()) >= max(2, hanging + 1)
-    for edge, own in deep.items():
-        count = int(own.sum())
-        extent = float(np.ptp(along[edge][own])) if count else 0.0
+    free = not overhangs and sum(int(members.sum()) for members in deep.values()) >= max(2, hanging + 1)
+    for edge, members in deep.items():
+        count = int(members.sum())
+        extent = float(np.ptp(along[edge][members])) if count else 0.0
         is_open = count >= FEWEST_IN_STRIP and extent >= LEAST_SHOWN * length[edge]
         is_open = is_open or (free and count > 0)
         kind, certainty = (OPEN, 1.0 - 0.5**count) if is_open else (UNKNOWN, 0.0)
-        found[edge] = Overhang(*ends_of(start, end, edge), kind, None, certainty, count)
-    return [found[edge] for edge in range(len(start))]
+        overhangs[edge] = Overhang(*ends_of(start, end, edge), kind, None, certainty, count)
+    return [overhangs[edge] for edge in range(len(start))]
 
 
 def find_walls(
@@ -188,25 +187,28 @@ def find_walls(
     """The edges (E, 2) under which upright points (N, 3) below the roof show a wall."""
     along, inside, length = edge_frames(start, end, wall)
     around = (along > 0.0) & (along < length[:, None])
-    near = around & (inside > -rules.beside) & (inside < rules.widest)
-    found: dict[int, Overhang] = {}
-    left = set(range(len(start)))
-    while left:
+    candidates = around & (inside > -rules.beside) & (inside < rules.widest)
+    walls: dict[int, Overhang] = {}
+    edges = set(range(len(start)))
+    while edges:
         strips = [
-            (edge, *find_strip(inside[edge], along[edge], near[edge], around[edge], length[edge], rules))
-            for edge in left
+            (
+                edge,
+                *find_strip(inside[edge], along[edge], candidates[edge], around[edge], length[edge], rules),
+            )
+            for edge in edges
         ]
         edge, certainty, width, count = max(
             strips, key=lambda one: (one[1] >= rules.certainty, one[1] * one[3], -one[0])
         )
         if certainty < rules.certainty:
             break
-        left.discard(edge)
-        found[edge] = Overhang(*ends_of(start, end, edge), WALL, max(width, 0.0), certainty, count)
-        own = near[edge] & (np.abs(inside[edge] - width) <= 0.5 * rules.window)
-        near[:, own] = False
-        around[:, own] = False
-    return found
+        edges.discard(edge)
+        walls[edge] = Overhang(*ends_of(start, end, edge), WALL, max(width, 0.0), certainty, count)
+        strip = candidates[edge] & (np.abs(inside[edge] - width) <= 0.5 * rules.window)
+        candidates[:, strip] = False
+        around[:, strip] = False
+    return walls
 
 
 def ends_of(
@@ -269,26 +271,26 @@ def nearest_edge(start: NDArray[np.float64], end: NDArray[np.float64], points: P
 
 
 def find_strip(
-    inside: Values, along: Values, near: Mask, around: Mask, length: float, rules: OverhangRules
+    inside: Values, along: Values, candidates: Mask, around: Mask, length: float, rules: OverhangRules
 ) -> tuple[float, float, int]:
-    """Certainty, place (m inside the edge) and points of the fullest strip among those `near` (N,) an edge.
+    """Certainty, place (m inside the edge) and points of the fullest strip, among the `candidates` (N,).
 
     The certainty is one less the chance that so many of the points in the strip and in those beside it, some
     of which may lie outside what is searched, fall into the strip: a crown fills all three.
     """
-    places = np.sort(inside[near])
+    places = np.sort(inside[candidates])
     last = np.searchsorted(places, places + rules.window, side="right")
     first = int(np.argmax(last - np.arange(len(places)))) if len(places) else 0
     inner = places[first : last[first]] if len(places) else places
     if len(inner) < FEWEST_IN_STRIP:
         return 0.0, 0.0, len(inner)
     middle = float(np.median(inner))
-    own = near & (np.abs(inside - middle) <= 0.5 * rules.window)
-    if not own.any() or np.ptp(along[own]) < rules.spread * length:
+    strip = candidates & (np.abs(inside - middle) <= 0.5 * rules.window)
+    if not strip.any() or np.ptp(along[strip]) < rules.spread * length:
         return 0.0, middle, len(inner)
     beside = around & (np.abs(inside - middle) <= rules.beside)
     places_tried = (rules.widest + rules.beside) / rules.window
-    chance = min(1.0, places_tried * float(bdtrc(own.sum() - 1, beside.sum(), 1.0 / 3.0)))
+    chance = min(1.0, places_tried * float(bdtrc(strip.sum() - 1, beside.sum(), 1.0 / 3.0)))
     return 1.0 - chance, middle, len(inner)
 
 
@@ -346,12 +348,12 @@ def add_overhangs(
         outline = roof.outline
         if not isinstance(outline, Polygon):
             return without_overhangs(model, edges, "not_closed", "its roof is no single area in plan")
-        own = measure_overhangs((solid,), outline, points, over_ground, rules)
-        parts, own = build_part(roof, outline, own, rules)
+        overhangs = measure_overhangs((solid,), outline, points, over_ground, rules)
+        parts, overhangs = build_part(roof, outline, overhangs, rules)
         if not parts:
             return without_overhangs(model, edges, "not_closed", "LoD 2.3 cannot be drawn")
-        built += [number_walls(part, own, len(edges), roof.base) for part in parts]
-        edges += own
+        built += [number_walls(part, overhangs, len(edges), roof.base) for part in parts]
+        edges += overhangs
     if all(edge.kind == UNKNOWN for edge in edges):
         return without_overhangs(
             model, edges, "walls_unseen", "no wall is seen under its roof, and no ground"
@@ -383,8 +385,8 @@ def build_part(
         if not parts:
             width[moved[np.argmin(width[moved])]] = 0.0
             continue
-        near = shapely.STRtree(lines[moved]).nearest(shapely.points(touching))
-        width[moved[np.unique(near)]] = 0.0
+        nearest = shapely.STRtree(lines[moved]).nearest(shapely.points(touching))
+        width[moved[np.unique(nearest)]] = 0.0
     return (), edges
 
 
@@ -413,10 +415,10 @@ def stands_free(edges: list[Overhang]) -> bool:
 
 def describe_overhangs(edges: list[Overhang]) -> dict[str, Any]:
     """The attributes that tell of the overhangs of a building."""
-    whole = sum(edge.length for edge in edges)
+    perimeter = sum(edge.length for edge in edges)
     walls = [edge for edge in edges if edge.width is not None]
-    known = sum(edge.length for edge in walls)
-    mean = sum(edge.length * (edge.width or 0.0) for edge in walls) / known if known else None
+    measured = sum(edge.length for edge in walls)
+    mean = sum(edge.length * (edge.width or 0.0) for edge in walls) / measured if measured else None
     records = [
         {
             "wall": edge.kind,
@@ -428,9 +430,9 @@ def describe_overhangs(edges: list[Overhang]) -> dict[str, Any]:
     ]
     return {
         "overhang_m": None if mean is None else round(mean, 3),
-        "overhang_known_share": round(known / whole, 3) if whole else 0.0,
-        "open_share": round(sum(edge.length for edge in edges if edge.kind == OPEN) / whole, 3)
-        if whole
+        "overhang_known_share": round(measured / perimeter, 3) if perimeter else 0.0,
+        "open_share": round(sum(edge.length for edge in edges if edge.kind == OPEN) / perimeter, 3)
+        if perimeter
         else 0.0,
         "stands_free": stands_free(edges),
         "overhangs": records,

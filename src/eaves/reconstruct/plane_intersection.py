@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eaves.figures.attributes import describe_roof
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
+from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
     seen_roof,
@@ -21,7 +21,6 @@ from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, candidate_li
 from eaves.solids.coverage import Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import extrude_plan
-from eaves.solids.half_edges import Integers
 
 
 class PlaneIntersection(LineReconstructor):
@@ -75,10 +74,10 @@ class PlaneIntersection(LineReconstructor):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The polyhedron of one building from its points (N, 3) and roof planes."""
-        seen = seen_roof(points, footprint)
-        if isinstance(seen, Failure):
-            return seen
-        top = seen[1]
+        seen_points = seen_roof(points, footprint)
+        if isinstance(seen_points, Failure):
+            return seen_points
+        top = seen_points[1]
         roof = points[top]
         if not planes:
             return Failure("no_plane", "no roof plane was found among the points", self.stage, footprint)
@@ -91,7 +90,7 @@ class PlaneIntersection(LineReconstructor):
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         plan, chosen = plan.merged(vote(plan, roof, labels, len(coefficients)))
         emit("plan", plan.polygons())
-        return raise_polyhedron(plan, chosen, coefficients, points, seen, footprint, ground, self)
+        return raise_polyhedron(plan, chosen, coefficients, points, seen_points, footprint, ground, self)
 
 
 def raise_polyhedron(
@@ -99,14 +98,14 @@ def raise_polyhedron(
     chosen: Integers,
     planes: NDArray[np.float64],
     points: Points,
-    seen: tuple[NDArray[np.int64], NDArray[np.int64]],
+    seen_points: tuple[NDArray[np.int64], NDArray[np.int64]],
     footprint: Footprint,
     ground: float,
     limits: PlaneIntersection,
 ) -> BuildingModel | Failure:
-    """The model over a plan whose cells carry the `chosen` (C,) of the planes (P, 3); `seen` are the numbers
-    of the points (N, 3) inside the footprint and on the roof."""
-    inside, top = seen
+    """The model over a plan whose cells carry the `chosen` (C,) of the planes (P, 3); `seen_points`
+    are the numbers of the points (N, 3) inside the footprint and on the roof."""
+    inside, top = seen_points
     fine = extrude_plan(plan, chosen, planes, ground, limits.smallest)
     if not fine.solids:
         return Failure("not_closed", f"the polyhedron has {fine.defect}", "reconstruct", footprint)
@@ -119,17 +118,17 @@ def raise_polyhedron(
 def vote(plan: Coverage, roof: Points, labels: Labels, count: int) -> Integers:
     """The plane (C,) most of each cell's roof points (N, 3) belong to; empty cells take their neighbour's."""
     point, cell = plan.cells_of(roof)
-    known = labels[point] >= 0
+    labelled = labels[point] >= 0
     votes = np.zeros((plan.count, count), np.int64)
-    np.add.at(votes, (cell[known], labels[point[known]]), 1)
-    answer = np.where(votes.any(axis=1), votes.argmax(axis=1), -1)
+    np.add.at(votes, (cell[labelled], labels[point[labelled]]), 1)
+    plane = np.where(votes.any(axis=1), votes.argmax(axis=1), -1)
     halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] >= 0))
     halves = halves[np.argsort(-plan.length[halves], kind="stable")]
     for _ in range(plan.count):
-        own, other = answer[plan.cell[halves]], answer[plan.cell[plan.twin[halves]]]
-        open_halves = halves[(own < 0) & (other >= 0)]
+        here, across = plane[plan.cell[halves]], plane[plan.cell[plan.twin[halves]]]
+        open_halves = halves[(here < 0) & (across >= 0)]
         if len(open_halves) == 0:
             break
         first = open_halves[0]
-        answer[plan.cell[first]] = answer[plan.cell[plan.twin[first]]]
-    return np.asarray(np.where(answer < 0, count - 1, answer), np.int64)
+        plane[plan.cell[first]] = plane[plan.cell[plan.twin[first]]]
+    return np.asarray(np.where(plane < 0, count - 1, plane), np.int64)

@@ -68,10 +68,10 @@ class Prism(Reconstructor):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The block model of one building from its points (N, 3)."""
-        seen = seen_roof(points, footprint)
-        if isinstance(seen, Failure):
-            return seen
-        inside, top = seen
+        seen_points = seen_roof(points, footprint)
+        if isinstance(seen_points, Failure):
+            return seen_points
+        inside, top = seen_points
         roof = points[top]
         coverage = arrange(footprint.polygon, np.zeros((0, 4)))
         if coverage is None:

@@ -16,13 +16,11 @@ from eaves.methods import (
     check_returned,
     emitter,
     ignore,
-    make_method,
     naming,
     resolve_method,
 )
-from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
+from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, canonical_order
 from eaves.model.checks import check_points, check_type
-from eaves.model.cloud import canonical_order
 
 FALLBACK = "prism"
 """The method that models what the chosen one cannot."""
@@ -130,12 +128,12 @@ def reconstruct_building(
     ordered = [replace(plane, members=known_places(place, plane.members)) for plane in planes]
     with naming(modeller):
         result = modeller.model(points[order], footprint, ordered, ground, emit)
-    held = isinstance(result, BuildingModel | Failure)
-    check_returned(modeller, held, "a BuildingModel or a Failure", result)
+    is_result = isinstance(result, BuildingModel | Failure)
+    check_returned(modeller, is_result, "a BuildingModel or a Failure", result)
     facts: dict[str, object] = {"method": modeller.name}
     if isinstance(result, Failure):
         facts = {"method": FALLBACK, "fallback_code": result.code, "fallback_reason": result.reason}
-        fallback = make_method("reconstruct", FALLBACK)
+        fallback = resolve_method("reconstruct", FALLBACK)
         assert isinstance(fallback, Reconstructor)
         result = fallback.model(points[order], footprint, ordered, ground, emit)
     if isinstance(result, Failure):
@@ -146,5 +144,5 @@ def reconstruct_building(
 
 def known_places(place: NDArray[np.int64], members: NDArray[np.int64]) -> NDArray[np.int64]:
     """The places (K,) of a plane's points in canonical order, ascending, without those that are left out."""
-    found = np.sort(place[members])
-    return found[np.searchsorted(found, 0) :]
+    places = np.sort(place[members])
+    return places[np.searchsorted(places, 0) :]

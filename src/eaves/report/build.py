@@ -19,7 +19,7 @@ from eaves.run.clock import Clock
 from eaves.run.options import EVERYTHING, RunOptions, list_options
 
 if TYPE_CHECKING:
-    from eaves.change.upkeep.carried import CarriedEdits
+    from eaves.change.upkeep.corrected import CarriedEdits
 
 
 @list_options
@@ -99,6 +99,6 @@ def carried_edits(run: Run) -> CarriedEdits | None:
     """The edits that a run finds in its folder and carries on; None where it carries none."""
     if not run.carries_edits:
         return None
-    from eaves.change.upkeep.carried import CarriedEdits  # late: most runs have none
+    from eaves.change.upkeep.corrected import CarriedEdits  # late: most runs have none
 
     return CarriedEdits.of(run)

@@ -1,4 +1,7 @@
-"""Manifest of the files of a run: by it a rerun removes its own old files only, and anyone can check them."""
+"""Manifest of the files of a run: by it a rerun removes its own old files only, and anyone can check them.
+
+What a person changed or added since is found by it before a run writes over it: moved aside, never deleted.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,16 @@ import hashlib
 import json
 import logging
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import sqlite3
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from itertools import count
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import eaves
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic, clear_leftovers
-from eaves.run.tables import tables_of
 
 log = logging.getLogger("eaves")
 
@@ -253,3 +258,103 @@ def check_folder(folder: str | Path) -> list[str]:
         elif entry_of(path)["sha256"] != entry.get("sha256"):
             wrong.append(f"{path}: is not what the run wrote")
     return wrong
+
+
+FORMAT_TABLES = ("gpkg_", "rtree_", "sqlite_")
+"""Starts of the names of tables that are the format's, which programs change that only show a layer."""
+ROWS_AT_A_TIME = 1000
+DIGITS = 8
+"""Of a column's checksum: it tells a change from none, and is no proof."""
+
+Tables = Mapping[str, Mapping[str, Any]]
+"""Table → `rows`, their number, and `columns`: name → checksum of its values."""
+
+
+def tables_of(path: Path) -> Tables:
+    """The layers and tables of a GeoPackage; none of a file that is no database."""
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+            names = database.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")
+            return {
+                name: table_of(database, name)
+                for (name,) in names.fetchall()
+                if not name.startswith(FORMAT_TABLES)
+            }
+    except sqlite3.Error:
+        return {}
+
+
+def table_of(database: sqlite3.Connection, name: str) -> dict[str, Any]:
+    """Rows and columns of a table, piece by piece."""
+    cursor = database.execute('SELECT * FROM "{}"'.format(name.replace('"', '""')))
+    sums, rows = {column[0]: hashlib.sha256() for column in cursor.description}, 0
+    while piece := cursor.fetchmany(ROWS_AT_A_TIME):
+        rows += len(piece)
+        for total, values in zip(sums.values(), zip(*piece, strict=True), strict=True):
+            total.update(repr(values).encode())
+    return {"rows": rows, "columns": {column: total.hexdigest()[:DIGITS] for column, total in sums.items()}}
+
+
+def changes_between(before: Tables, now: Tables) -> Iterator[str]:
+    """What is another in some tables: tables, columns, rows or values."""
+    yield from (f"{name} is new" for name in sorted(now.keys() - before.keys()))
+    yield from (f"{name} is gone" for name in sorted(before.keys() - now.keys()))
+    for name in sorted(before.keys() & now.keys()):
+        old, new = before[name]["columns"], now[name]["columns"]
+        yield from (f"{name}.{column} is new" for column in sorted(new.keys() - old.keys()))
+        yield from (f"{name}.{column} is gone" for column in sorted(old.keys() - new.keys()))
+        if before[name]["rows"] != now[name]["rows"]:
+            yield f"{name} has {now[name]['rows']:,} rows, not {before[name]['rows']:,}"
+        else:
+            differing = sorted(column for column in old.keys() & new.keys() if old[column] != new[column])
+            yield from (f"{name}.{column} has other values" for column in differing)
+
+
+BEFORE = "before-"
+"""Start of the name of a folder of what was moved aside."""
+CHANGED, FOREIGN = "was changed since a run wrote it", "is of no run"
+LISTED = 20
+"""Maximum number of files that a line names."""
+
+
+def work_of_persons(folder: Path, planned: Collection[str]) -> Iterator[tuple[Path, str]]:
+    """What a person changed in a folder, and what bears a `planned` name of a run's files and no run wrote,
+    each with the reason."""
+    if not folder.is_dir():
+        return
+    names = set(known_facts(folder).get("written", {}))
+    yield from ((path, CHANGED) for path in changed_files(folder))
+    names |= {name.split("/")[0] for name in names}
+    try:
+        read_manifest(folder)
+    except InputError:  # another program's run.json, where there is one
+        planned = {*planned, MANIFEST}
+    for name in sorted(set(planned) - names):
+        if os.path.lexists(folder / name):
+            yield folder / name, FOREIGN
+
+
+def set_aside(folder: Path, paths: Sequence[Path]) -> None:
+    """Move files and folders of a run's folder to `before-<n>` in it, with a line that says so."""
+    if not paths:
+        return
+    place = next_place(folder)
+    for path in paths:
+        for file in (path, *(path.with_name(f"{path.name}{suffix}") for suffix in ("-wal", "-shm"))):
+            if os.path.lexists(file):
+                target = place / file.relative_to(folder)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                file.rename(target)
+    log.warning("%s: kept in %s: %s", folder, place.name, names_of_paths(folder, paths))
+
+
+def next_place(folder: Path) -> Path:
+    """The folder `before-<n>` of the next number."""
+    return next(place for n in count(1) if not os.path.lexists(place := folder / f"{BEFORE}{n}"))
+
+
+def names_of_paths(folder: Path, paths: Sequence[Path]) -> str:
+    """Names of files of a folder in a line; of very many the first, and how many more there are."""
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    more = f" and {len(names) - LISTED:,} more" if len(names) > LISTED else ""
+    return ", ".join(names[:LISTED]) + more

@@ -22,9 +22,8 @@ from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP, canonical_order
-from eaves.run.code import package_sources
 from eaves.run.index import Index
-from eaves.run.keys import key_of
+from eaves.run.keys import key_of, package_sources
 from eaves.run.store import Store
 from eaves.run.world_squares import ring
 

@@ -23,7 +23,7 @@ log = logging.getLogger("eaves")
 
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 8
+FORM = 9
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [

@@ -12,6 +12,8 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -25,8 +27,7 @@ import numpy
 from eaves.formats.atomic import is_full
 from eaves.formats.errors import INSTALL
 from eaves.model.checks import error_line
-from eaves.run.garbage import collect_rarely
-from eaves.run.memory import REMEDY, limit_memory, share_memory
+from eaves.run.memory import REMEDY, collect_rarely, limit_memory, share_memory
 
 log = logging.getLogger("eaves")
 Task = TypeVar("Task")
@@ -90,54 +91,6 @@ def is_interrupt(error: BaseException | None) -> bool:
     return error is not None
 
 
-class Child:
-    """A process that computes one task after another."""
-
-    def __init__(self, memory: int | None) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.pipe, end = context.Pipe()
-        self.process = context.Process(target=serve, args=(end, memory), daemon=True)
-        self.process.start()
-        end.close()
-
-    def compute(
-        self,
-        work: Callable[[Task], Any],
-        tasks: Sequence[Task],
-        todo: deque[int],
-        spare: int,
-        show: Callable[[Outcome], None],
-    ) -> None:
-        """Show the outcomes of tasks by their numbers `todo`, which others take from at the same time.
-
-        One task waits at the process while more than `spare` are left: the caller may be too busy to hand it
-        out. What the process has when it dies is shown as `KILLED`.
-        """
-        sent: deque[int] = deque()
-        while True:
-            try:
-                while len(sent) < (2 if len(todo) > spare else 1) and (index := take(todo)) is not None:
-                    sent.append(index)
-                    self.pipe.send((work, index, tasks[index]))
-                if not sent:
-                    return
-                show(self.pipe.recv())
-                sent.popleft()
-            except (EOFError, OSError):
-                self.stop()  # no longer among those alive once it is shown
-                for index in sent:
-                    show(Outcome(index, error=KILLED))
-                return
-            except Exception as error:  # it could not be sent
-                show(Outcome(sent.pop(), error=f"{type(error).__name__}: {error}"))
-
-    def stop(self) -> None:
-        """End the process, whatever it is at."""
-        self.process.terminate()
-        self.process.join()
-        self.pipe.close()
-
-
 def take(todo: deque[int]) -> int | None:
     """The first of some numbers, which is none of them from then on; None where none is left."""
     try:
@@ -163,7 +116,10 @@ class Workers:
 
     def __init__(self, jobs: int = 1, scheduler: str | None = None, memory: int | None = None) -> None:
         (self.jobs, self._share), self.scheduler = share_memory(memory, jobs), scheduler
-        self._children: list[Child] = []
+        self._pool: ProcessPoolExecutor | None = None
+        self._line: Connection | None = None
+        """The end of a line that the processes wait at: they end with it."""
+        self._broken = set[ProcessPoolExecutor]()
         self._client: Any = None
 
     def __enter__(self) -> Self:
@@ -187,8 +143,8 @@ class Workers:
     def start(self, work: Callable[[], Any]) -> None:
         """Start the processes, if there are to be some, with work that makes them import what they need."""
         if self.scheduler is None and not self.started:
-            for child in self._processes():
-                child.pipe.send((work, None, None))
+            for _ in range(self._beside):
+                self._processes().submit(work)
 
     def heaviest_first(self, tasks: Sequence[Task], weight: Callable[[Task], float]) -> list[Task]:
         """The tasks in the order in which several processes end together; in their own when they are many,
@@ -200,7 +156,7 @@ class Workers:
     @property
     def started(self) -> bool:
         """True if there are processes that wait for work."""
-        return bool(self._children)
+        return self._pool is not None
 
     def run(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
         """Outcomes of `work(task)` for every task, as they are ready; `work` must write its own part."""
@@ -215,19 +171,24 @@ class Workers:
     def _run_in_processes(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
         """As `run`, in processes, of which this one is one; not where memory is limited.
 
-        Tasks lost when a process dies are tried again, each on its own, so that the one that kills its
-        process is the only one to fail. One that kills this process ends the run.
+        One task waits for each process while many are left: this one may be too busy to hand it out. Tasks
+        lost when a process dies are tried again, each on its own, so that the one that kills its process is
+        the only one to fail. One that kills this process ends the run.
         """
         todo, lost = deque(range(len(tasks))), list[int]()
         outcomes: SimpleQueue[Outcome] = SimpleQueue()
-        driven: list[Child] = []
+        driven: ProcessPoolExecutor | None = None
+
+        def drive(pool: ProcessPoolExecutor, spare: int) -> None:
+            while pool not in self._broken and len(todo) > spare and (index := take(todo)) is not None:
+                outcomes.put(self._compute(pool, work, index, tasks[index]))
+
         try:
             for _ in tasks:
-                for child in self._processes():
-                    if child not in driven:
-                        driven.append(child)
-                        arguments = work, tasks, todo, AHEAD * self.jobs, outcomes.put
-                        threading.Thread(target=child.compute, args=arguments, daemon=True).start()
+                pool = self._processes()
+                for spare in (0, AHEAD * self.jobs) * self._beside if pool is not driven else ():
+                    threading.Thread(target=drive, args=(pool, spare), daemon=True).start()
+                driven = pool
                 own = take(todo) if self._share is None and outcomes.empty() else None
                 outcome = outcomes.get() if own is None else attempt(work, own, tasks[own])
                 if outcome.error == KILLED:
@@ -237,15 +198,27 @@ class Workers:
             if lost:
                 log.warning("a worker process was killed; %d lost tasks are tried again", len(lost))
             for index in lost:
-                self._processes()[0].compute(work, tasks, deque([index]), 1, outcomes.put)
-                outcome = outcomes.get()
+                outcome = self._compute(self._processes(), work, index, tasks[index])
                 if outcome.error == KILLED:
                     reason = f"{KILLED}, also when tried alone: memory may be short; {REMEDY}"
                     outcome = Outcome(index, error=reason)
                 yield outcome
         except BaseException:  # Ctrl-C, an error, or the caller wants no more
+            todo.clear()
             self._stop()
             raise
+
+    def _compute(
+        self, pool: ProcessPoolExecutor, work: Callable[[Task], Any], index: int, task: Task
+    ) -> Outcome:
+        """The outcome of a task in a process; `KILLED` where one of them died meanwhile, and all with it."""
+        try:
+            return pool.submit(attempt, work, index, task).result()
+        except BrokenProcessPool:
+            self._broken.add(pool)
+            return Outcome(index, error=KILLED)
+        except Exception as error:  # it could not be sent
+            return Outcome(index, error=f"{type(error).__name__}: {error}")
 
     def _run_on_dask(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
         """As `run`, on the workers of the Dask scheduler."""
@@ -280,42 +253,31 @@ class Workers:
             self._client = Client(self.scheduler)
         return sum(self._client.nthreads().values())
 
-    def _processes(self) -> list[Child]:
-        """The processes beside this one, new ones in place of those that died."""
-        count = self.jobs - (self._share is None)
-        self._children = [child for child in self._children if child.process.is_alive()]
-        self._children += [Child(self._share) for _ in range(count - len(self._children))]
-        return self._children
+    @property
+    def _beside(self) -> int:
+        """Number of processes beside this one."""
+        return self.jobs - (self._share is None)
+
+    def _processes(self) -> ProcessPoolExecutor:
+        """The processes beside this one, new ones where one of them died."""
+        if self._pool is None or self._pool in self._broken:
+            self._stop()
+            line, self._line = multiprocessing.Pipe(duplex=False)
+            arguments = line, self._share
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self._beside, context, begin_worker, arguments)
+        return self._pool
 
     def _stop(self) -> None:
-        for child in self._children:
-            child.stop()
-        self._children = []
+        """End the processes, whatever they are at."""
+        if self._pool is not None and self._line is not None:
+            self._line.close()
+            self._pool.shutdown()
+            self._pool = None
 
 
-def serve(pipe: Connection, memory: int | None) -> None:
-    """Compute what comes by a pipe, in a process that keeps to `memory`."""
-    begin_worker(memory)
-    came: SimpleQueue[tuple[Any, int, Any]] = SimpleQueue()
-    threading.Thread(target=receive, args=(pipe, came.put), daemon=True).start()
-    while True:
-        pipe.send(attempt(*came.get()))
-
-
-def receive(pipe: Connection, put: Callable[[tuple[Any, int, Any]], None]) -> None:
-    """Take what comes by a pipe as it comes, and end this process with the one at the other end; a message
-    without a number is no task, and has made this process import what it names."""
-    try:
-        while True:
-            message = pipe.recv()
-            if message[1] is not None:
-                put(message)
-    finally:
-        os._exit(1)
-
-
-def begin_worker(memory: int | None = None) -> None:
-    """Leave Ctrl-C to the process that started this one, and keep to `memory`."""
+def begin_worker(line: Connection, memory: int | None = None) -> None:
+    """Leave Ctrl-C to the process that started this one, end with its end of the line, keep to `memory`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     warnings.simplefilter("ignore")  # remarks of libraries, which nobody could read among other processes'
@@ -324,6 +286,14 @@ def begin_worker(memory: int | None = None) -> None:
     limit_memory(memory)
     collect_rarely()
     import_libraries_alone()
+    threading.Thread(target=end_with, args=(line,), daemon=True).start()
+
+
+def end_with(line: Connection) -> None:
+    """End this process where the other end of a line is closed."""
+    with suppress(EOFError, OSError):
+        line.recv()
+    os._exit(1)
 
 
 def import_libraries_alone() -> None:

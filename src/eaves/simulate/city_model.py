@@ -10,19 +10,17 @@ import numpy as np
 import shapely
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
-from shapely import Polygon
 
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cityjson
 from eaves.geometry.face_table import FaceTable
+from eaves.geometry.inside import edges_of
 from eaves.geometry.rings import as_polygon
-from eaves.model import Bounds, Face, Solid, Values
-from eaves.model.building import GROUND_SURFACE, NO_PLANE, ROOF_SURFACE, WALL_SURFACE
-from eaves.simulate.objects.exact import ExactBuilding, ExactFace
-from eaves.simulate.objects.solids import extrude_partition
-from eaves.simulate.objects.surfaces import ScannedSurfaces
+from eaves.geometry.roof_fit import highest_faces
+from eaves.model import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE, Bounds, Face, Solid, Values
+from eaves.simulate.objects.exact import ExactBuilding, ExactFace, extrude_partition
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, grow_tree
 from eaves.simulate.objects.terrain import CELL, Terrain
-from eaves.simulate.objects.vegetation import Foliage, grow_tree
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
 
 logger = logging.getLogger(__name__)
@@ -130,7 +128,7 @@ def _shells(item: CityObject) -> tuple[Solid, ...]:
     finest = max(item.geometries, key=lambda geometry: geometry.lod, default=None)
     if finest is None:
         return ()
-    shells = (Solid.of(one.vertices, filter(has_corners, one.faces)) for one in item.as_solids(finest))
+    shells = (Solid.of(solid.vertices, filter(has_corners, solid.faces)) for solid in item.as_solids(finest))
     return tuple(solid for solid in shells if len(solid.corners))
 
 
@@ -139,20 +137,17 @@ def _exact_building(name: str, solid: Solid, number: int, first_face: int) -> Ex
     shell: list[Face] = []
     faces: list[ExactFace] = []
     table = FaceTable.of_solids([solid])
-    rows = zip(solid.faces, table.normals, table.planes.tolist(), strict=True)
-    for face, normal, (a, b, c) in rows:
-        corners = solid.vertices[list(face.rings[0])]
-        surface = face.surface or _guess(normal)
-        if surface == ROOF_SURFACE and abs(normal[2]) > LOWEST_ROOF_NORMAL:
-            polygon = as_polygon(
-                Polygon(corners[:, :2], [solid.vertices[list(r)][:, :2] for r in face.rings[1:]])
-            )
-            if polygon is not None:
-                exact = ExactFace(polygon, (a, b, c), first_face + len(faces))
-                shell.append(Face(face.rings, ROOF_SURFACE, len(faces)))
-                faces.append(exact)
-                continue
-        shell.append(Face(face.rings, WALL_SURFACE if surface == ROOF_SURFACE else surface))
+    rows = zip(solid.faces, table.polygons(), table.normals, table.planes.tolist(), strict=True)
+    for face, shape, normal, (a, b, c) in rows:
+        surface, plane = face.surface or _guess(normal), None
+        if surface == ROOF_SURFACE:
+            polygon = as_polygon(shape) if abs(normal[2]) > LOWEST_ROOF_NORMAL else None
+            if polygon is None:
+                surface = WALL_SURFACE
+            else:
+                plane = len(faces)
+                faces.append(ExactFace(polygon, (a, b, c), first_face + plane))
+        shell.append(Face(face.rings, surface, plane))
     outline = (
         as_polygon(shapely.union_all([face.polygon for face in faces], grid_size=0.001)) if faces else None
     )
@@ -168,32 +163,21 @@ def _exact_building(name: str, solid: Solid, number: int, first_face: int) -> Ex
 
 
 def _close(faces: list[ExactFace], base: float) -> Solid | None:
-    """The closed solid over roof faces that may leave cracks; None when it would touch itself."""
+    """The closed solid under the highest of roof faces that may leave cracks; None when it would touch
+    itself."""
+    polygons = np.array([face.polygon for face in faces], object)
+    planes = np.array([face.coefficients for face in faces])
     for grid in CLOSING_GRIDS:
-        cells = _tile(faces, grid)
+        network = shapely.union_all(shapely.boundary(polygons), grid_size=grid)
+        cells = shapely.get_parts(shapely.polygonize([network]))
+        places = shapely.get_coordinates(shapely.point_on_surface(cells))
+        highest, _ = highest_faces(places, *edges_of(polygons), planes)
+        covered = highest >= 0
         try:
-            solid = extrude_partition([(cell, faces[k].coefficients) for cell, k in cells], base)
+            return extrude_partition(cells[covered], highest[covered], planes, base)
         except ValueError:
             continue
-        number = np.array([*(k for _, k in cells), NO_PLANE])
-        return replace(solid, planes=number[solid.planes])
     return None
-
-
-def _tile(faces: list[ExactFace], grid: float) -> list[tuple[Polygon, int]]:
-    """Polygons that share their nodes on a grid (m), each with the position of the highest face over it."""
-    network = shapely.union_all([shapely.boundary(face.polygon) for face in faces], grid_size=grid)
-    over: dict[int, list[Polygon]] = {}
-    for cell in shapely.get_parts(shapely.polygonize([network])):
-        place = shapely.get_coordinates(shapely.point_on_surface(cell))
-        over_cell = [k for k, face in enumerate(faces) if shapely.contains_xy(face.polygon, *place[0])]
-        if over_cell:
-            over.setdefault(max(over_cell, key=lambda k: float(faces[k].height_at(place)[0])), []).append(
-                cell
-            )
-    return [
-        (part, k) for k in sorted(over) for part in shapely.get_parts(shapely.coverage_union_all(over[k]))
-    ]
 
 
 def _guess(normal: Values) -> str:

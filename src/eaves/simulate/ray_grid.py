@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model.cloud import GROUND, WATER
-from eaves.simulate.objects.surfaces import ScannedSurfaces
+from eaves.model import GROUND, WATER
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces
 from eaves.simulate.objects.terrain import Terrain
-from eaves.simulate.objects.vegetation import Foliage
 
 TERRAIN_LABEL, WATER_LABEL = 0, 1
 """First rows of the table of labels."""

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import PointCloud
-from eaves.model.cloud import HIGH_NOISE, LOW_NOISE, UNCLASSIFIED
+from eaves.model import HIGH_NOISE, LOW_NOISE, UNCLASSIFIED, PointCloud
 from eaves.simulate.flight import Flight, Pattern, Pulses, fly
 from eaves.simulate.objects.exact import ExactScene
-from eaves.simulate.objects.vegetation import CONE, ELLIPSOID
+from eaves.simulate.objects.surfaces import CONE, ELLIPSOID
 from eaves.simulate.ray_grid import TERRAIN_LABEL, TOUCH, WATER_LABEL, RayGrid
 from eaves.simulate.town import Town
 

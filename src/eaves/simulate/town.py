@@ -10,16 +10,20 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.model import Bounds, CoordinateSystem, Values
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Values
 from eaves.simulate.objects.clutter import hang_power_line, install, park_car, put_fence, span_bridge
-from eaves.simulate.objects.exact import ExactBuilding
-from eaves.simulate.objects.masses import Mass, Plane
+from eaves.simulate.objects.exact import ExactBuilding, Mass, Plane
 from eaves.simulate.objects.roofs import make_building
 from eaves.simulate.objects.streets import Placement, Plot, TownStyle, draw_block, lay_streets
-from eaves.simulate.objects.surfaces import ScannedSurfaces, building_surfaces
+from eaves.simulate.objects.surfaces import (
+    Foliage,
+    ScannedSurfaces,
+    building_surfaces,
+    grow_hedge,
+    grow_shrub,
+    grow_tree,
+)
 from eaves.simulate.objects.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
-from eaves.simulate.objects.vegetation import Foliage, grow_hedge, grow_shrub, grow_tree
 from eaves.simulate.ray_grid import RayGrid, index_town
 
 logger = logging.getLogger(__name__)

@@ -12,12 +12,13 @@ from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import kernel
-from eaves.model import Mask, Values
-from eaves.solids.coverage import NARROWEST_NECK, SMALLEST_PART, Coverage
-from eaves.solids.half_edges import (
+from eaves.model import Integers, Mask, Values
+from eaves.solids.coverage import (
     MOST_ROUNDS,
+    NARROWEST_NECK,
     OUTSIDE,
-    Integers,
+    SMALLEST_PART,
+    Coverage,
     compact_kernel,
     ring_order_kernel,
 )
@@ -177,8 +178,8 @@ def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -
     inner = np.unique(start[on_rim] * size + end[on_rim])
     edge = np.unique(np.minimum(start, end) * size + np.maximum(start, end))
     while True:
-        one, other = edge // size, edge % size
-        start, end = np.concatenate([one, other]), np.concatenate([other, one])
+        cell_a, cell_b = edge // size, edge % size
+        start, end = np.concatenate([cell_a, cell_b]), np.concatenate([cell_b, cell_a])
         twin = np.roll(np.arange(len(start)), len(edge))
         halves, first = ring_order_kernel(next_clockwise(nodes, start, end)[twin])
         ring = np.empty(len(start), np.int64)
@@ -200,8 +201,8 @@ def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -
         ring_edges = (nodes[start[around]], nodes[end[around]], cell[ring[around]], int(cell.max()) + 1)
         hole, cells = points_in_polygons(places, *ring_edges)
         outer = np.flatnonzero(area > 0.0)
-        other = part[outer[cells]] != part[holes[hole]]
-        hole, cells = hole[other], cells[other]
+        cell_b = part[outer[cells]] != part[holes[hole]]
+        hole, cells = hole[cell_b], cells[cell_b]
         least = np.argsort(-area[outer[cells]], kind="stable")
         cell[holes[hole[least]]] = cells[least]
     cell = cell[ring]

@@ -14,10 +14,20 @@ from shapely import Polygon
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Face, Mask, Points, Solid, Values
-from eaves.model.building import GROUND_SURFACE, NO_PLANE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.solids.coverage import Coverage, coverage_of, cut_polygons
-from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
+from eaves.model import (
+    GROUND_SURFACE,
+    NO_PLANE,
+    OUTER_CEILING_SURFACE,
+    ROOF_SURFACE,
+    WALL_SURFACE,
+    Face,
+    Integers,
+    Mask,
+    Points,
+    Solid,
+    Values,
+)
+from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage, coverage_of, cut_polygons, leaving_kernel
 from eaves.solids.simplification import (
     SHORTEST_BORDER,
     SHORTEST_EDGE,

@@ -6,11 +6,11 @@ import numpy as np
 import shapely
 
 from eaves.kernels import kernel
-from eaves.solids.coverage import Coverage
-from eaves.solids.half_edges import (
+from eaves.model import Integers
+from eaves.solids.coverage import (
     MOST_ROUNDS,
     OUTSIDE,
-    Integers,
+    Coverage,
     contract_kernel,
     corner_rank_kernel,
     sliver_kernel,

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.planes import eigen_kernel
-from eaves.geometry.rings import following_places, polygons_of
+from eaves.geometry.rings import following_places
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import kernel
-from eaves.model import Mask, Points, Solid
-from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
+from eaves.model import ROOF_SURFACE, WALL_SURFACE, Mask, Points, Solid
 
 FLATTEST_SHARE = 0.9
 """Share of `PLANARITY` a face may use; the rest is for the rounding of written coordinates."""
@@ -198,19 +197,18 @@ def plan_defect(plan: FaceTable) -> str:
 def fold_defect(table: FaceTable, flat: Mapping[int, Points]) -> str:
     """Defect where a triangle of a face leans away from the others, as thin ones do once heights are rounded.
 
-    `flat` are the corners (V, 3) of sloped roof faces of more than three, by number, on their own planes:
-    there are the triangles of Delaunay by which validators define folds.
+    `flat` are the corners (V, 3) of sloped roof faces of more than three, by rising number, on their own
+    planes: there are the triangles of Delaunay by which validators define folds.
     """
     if not flat:
         return ""
-    sizes = [[len(ring) for ring in table.rings_of(number)] for number in flat]
-    polygons = polygons_of(
-        [np.split(places, np.cumsum(size)[:-1]) for places, size in zip(flat.values(), sizes, strict=True)]
-    )
+    steep = np.isin(np.arange(len(table)), list(flat))
+    faces, places = table.take(steep), np.concatenate(list(flat.values()))
+    polygons = faces.polygons_at(places[:, :2])
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross on its plane"
-    pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
-    corners = shapely.get_coordinates(pieces, include_z=True).reshape(-1, 4, 3)
+    triangle, owner = faces.cut(places[:, :2], polygons, np.arange(len(faces)))
+    corners = places[triangle]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normal, axis=1)
     normal *= (np.sign(normal[:, 2]) / np.maximum(size, 1e-12))[:, None]

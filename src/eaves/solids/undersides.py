@@ -13,10 +13,10 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import Solid
-from eaves.model.building import NO_PLANE, ROOF_SURFACE
+from eaves.model import NO_PLANE, ROOF_SURFACE, Integers, Solid
 from eaves.solids.coverage import (
     NARROWEST_NECK,
+    OUTSIDE,
     OVERSHOOT,
     SMALLEST_PART,
     Coverage,
@@ -25,7 +25,6 @@ from eaves.solids.coverage import (
     through_corners,
 )
 from eaves.solids.extrude import LOWEST_ROOF, close_cells, joined_cells, split_crossings
-from eaves.solids.half_edges import OUTSIDE, Integers
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,16 @@ from eaves.ground.toolkit.floor import Floor, WorldGrids
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
-from eaves.model import Bounds, Grid, Labels, Mask, PointCloud, Values
-from eaves.model.cloud import BRIDGE_DECK, GRID_STEP, WATER
-from eaves.model.doubt import Doubt
-from eaves.raster.groups import ONWARD, group_cells, neighbour_pairs, steps_within
-from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
+from eaves.model import BRIDGE_DECK, GRID_STEP, WATER, Bounds, Doubt, Grid, Labels, Mask, PointCloud, Values
+from eaves.raster.groups import (
+    ONWARD,
+    closed_by_square,
+    group_cells,
+    grown_by_square,
+    neighbour_pairs,
+    opened_by_square,
+    steps_within,
+)
 
 STAGE = "classes"
 Classes = NDArray[np.uint8]

@@ -6,10 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect.toolkit.cells import Cells
-from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
+from eaves.geometry.planes import fit_planes, sums_of
 from eaves.methods import Method, parameter
-from eaves.model import Labels, Mask, PointCloud, Values
-from eaves.model.cloud import HIGH_VEGETATION, LOW_VEGETATION, MEDIUM_VEGETATION, UNCLASSIFIED, snap
+from eaves.model import (
+    HIGH_VEGETATION,
+    LOW_VEGETATION,
+    MEDIUM_VEGETATION,
+    UNCLASSIFIED,
+    Labels,
+    Mask,
+    PointCloud,
+    Values,
+    snap,
+)
 from eaves.model.scene import TREE
 
 

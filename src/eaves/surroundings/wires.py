@@ -8,11 +8,8 @@ from scipy.spatial import cKDTree
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.methods import Method, parameter
-from eaves.model import Integers, Mask, PointCloud, Points, Values
-from eaves.model.cloud import GRID_STEP, GROUND, UNCLASSIFIED
-from eaves.raster.squares import grown_by_square
-
-Integers = Integers
+from eaves.model import GRID_STEP, GROUND, UNCLASSIFIED, Integers, Mask, PointCloud, Points, Values
+from eaves.raster.groups import grown_by_square
 
 
 class WireRules(Method):

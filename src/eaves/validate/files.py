@@ -13,8 +13,8 @@ import numpy as np
 from eaves.formats import InputError
 from eaves.formats.models.cityjson_read import system_of_head
 from eaves.model import Finding, Integers, Values
-from eaves.validate.boundaries import FINEST_STEP
 from eaves.validate.codes import make_finding
+from eaves.validate.polygons import FINEST_STEP
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives
 
 OF_BUILDING = ("BuildingPart", "BuildingInstallation")

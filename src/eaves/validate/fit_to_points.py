@@ -9,8 +9,7 @@ import shapely
 
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.roof_fit import RoofFaces, fit_roof, roof_point_mask
-from eaves.model import BuildingModel, Points
-from eaves.model.building import ROOF_SURFACE
+from eaves.model import ROOF_SURFACE, BuildingModel, Points
 from eaves.model.checks import check_points, check_type
 
 MISSED_RMSE = 1.0

@@ -10,7 +10,7 @@ import numpy as np
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, Finding, Integers
 from eaves.model.checks import check_type
-from eaves.validate.boundaries import to_grid
+from eaves.validate.polygons import to_grid
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives, find_defects
 
 

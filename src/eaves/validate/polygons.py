@@ -3,14 +3,113 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
+from functools import cached_property
+from itertools import chain, combinations
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.face_table import FaceTable
+from eaves.geometry.tolerance import SNAP
 from eaves.model import Integers, Mask, Values
-from eaves.validate.boundaries import Boundaries
+
+LARGEST_EXTENT = 1 << 28
+"""Extent (steps) up to which the exact predicates cannot overflow; 268 km at a millimetre."""
+
+FINEST_STEP = 1e-5
+"""Coordinates written finer than this (m) are rounded to it: a hundredth of the snap tolerance."""
+
+Ring = list[int]
+Face = list[Ring]
+Shell = list[Face]
+
+
+@dataclass(frozen=True, eq=False)
+class Boundaries:
+    """Shells of faces of rings of points.
+
+    `points` (P,) are rows of `vertices` (V, 3), which are integers in units of `step` metres; vertices nearer
+    than the snap tolerance have become one. `faces` are those of all shells, about the origin of the
+    vertices; shell s has the faces `shells[s]:shells[s + 1]`.
+    """
+
+    vertices: Integers
+    step: float
+    points: Integers
+    faces: FaceTable
+    shells: Integers
+
+    @property
+    def shell_count(self) -> int:
+        """Shells, also those without faces."""
+        return len(self.shells) - 1
+
+    @property
+    def face_of_point(self) -> Integers:
+        """The face (P,) of each point."""
+        return self.faces.face_of_corner
+
+    @cached_property
+    def shell_of_face(self) -> Integers:
+        """The shell (F,) of each face."""
+        return np.repeat(np.arange(self.shell_count), np.diff(self.shells))
+
+    @cached_property
+    def local(self) -> Integers:
+        """Coordinates (P, 3) of the points in steps from the lowest corner of their shell: small numbers."""
+        xyz = self.vertices[self.points]
+        shell = self.shell_of_face[self.face_of_point]
+        corner = np.zeros((self.shell_count, 3), np.int64)
+        filled, first = np.unique(shell, return_index=True)
+        if len(filled):
+            corner[filled] = np.minimum.reduceat(xyz, first, axis=0)
+        return xyz - corner[shell]
+
+
+def lay_flat(shells: list[Shell], vertices: Integers, step: float, snap: float = SNAP) -> Boundaries:
+    """Boundaries of nested lists of vertex numbers, with vertices of a shell nearer than `snap` (m) merged.
+
+    Vertices exactly `snap` apart are merged too: whether val3dity does so depends on rounding.
+    """
+    faces = list(chain.from_iterable(shells))
+    rings = list(chain.from_iterable(faces))
+    numbers = np.fromiter(chain.from_iterable(rings), np.int64)
+    sizes, counts = (np.array([len(part) for part in parts], np.int64) for parts in (rings, faces))
+    table = FaceTable(vertices[numbers].astype(np.float64), sizes, counts)
+    shell_sizes = np.array([len(shell) for shell in shells], np.int64)
+    owner = np.repeat(np.arange(len(shells)), shell_sizes)[table.face_of_corner]
+    rows = np.column_stack([owner, vertices[numbers]])
+    order = np.lexsort(rows.T[::-1])
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order][1:] != rows[order][:-1]).any(axis=1)
+    same = np.empty(len(rows), np.int64)
+    same[order] = np.cumsum(new) - 1
+    places = rows[order[new]]
+    merged = _merge_near(places, snap / step)
+    return Boundaries(places[:, 1:], step, merged[same], table, np.append(0, np.cumsum(shell_sizes)))
+
+
+def to_grid(coordinates: Values, step: float) -> Integers:
+    """Coordinates (N, 3) as whole numbers of steps."""
+    return np.rint(coordinates / step).astype(np.int64)
+
+
+def _merge_near(places: Integers, tolerance_steps: float) -> Integers:
+    """For each place (N, 4: shell, x, y, z) the first of its shell that is one with it by the tolerance."""
+    if tolerance_steps < 1.0 - 1e-9 or len(places) < 2:
+        return np.arange(len(places))
+    local = (places - places.min(axis=0)).astype(np.float64)
+    local[:, 0] *= 2.0 * tolerance_steps  # shells are apart, and stay so
+    pairs = cKDTree(local).query_pairs(tolerance_steps * (1 + 1e-9), output_type="ndarray")
+    node, partner = np.ascontiguousarray(pairs.T, np.int64)
+    group = connected_groups_kernel(node, partner, len(places))
+    first = np.full(group.max() + 1, len(places))
+    np.minimum.at(first, group, np.arange(len(places)))
+    return np.asarray(first[group])
+
 
 REASONS = (
     ("Self-intersection", 201),
@@ -43,7 +142,7 @@ class FacePlanes:
 def fit_planes(boundaries: Boundaries) -> FacePlanes:
     """Least-squares planes of all faces, through the points of all their rings."""
     face, xyz = boundaries.face_of_point, boundaries.local.astype(np.float64)
-    number = boundaries.face_count
+    number = len(boundaries.faces)
     count = np.maximum(np.bincount(face, minlength=number), 1)
     centre = np.stack([np.bincount(face, xyz[:, k], number) / count for k in range(3)], axis=1)
     away = xyz - centre[face]
@@ -68,7 +167,7 @@ def on_planes(boundaries: Boundaries, planes: FacePlanes) -> NDArray[np.float64]
 
 def faces_with(boundaries: Boundaries, points: Mask) -> Mask:
     """The faces (F,) that have one of some points (P,)."""
-    faces = np.zeros(boundaries.face_count, bool)
+    faces = np.zeros(len(boundaries.faces), bool)
     faces[boundaries.face_of_point[points]] = True
     return faces
 
@@ -79,36 +178,13 @@ def shadow_axes(planes: FacePlanes) -> Integers:
     return np.asarray(pairs[np.argmax(np.abs(planes.normal), axis=1)])
 
 
-def ring_areas(boundaries: Boundaries, flat: NDArray[np.float64]) -> Values:
-    """Twice the signed area (R,) of all rings, of points (P, 2) in the plane."""
-    following = flat[boundaries.next_point]
-    twice = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
-    areas = np.bincount(boundaries.ring_of_point, twice, minlength=len(boundaries.rings) - 1)
-    return np.asarray(areas, np.float64)
-
-
-def faces_with_rings_alike(boundaries: Boundaries, areas: Values) -> Mask:
-    """Faces (F,) with an inner ring that runs the same way round as the outer one: code 208."""
-    bad = np.zeros(boundaries.face_count, bool)
-    outer = areas[np.minimum(boundaries.faces[:-1], len(areas) - 1)][boundaries.face_of_ring]
-    inner = np.arange(len(areas)) != boundaries.faces[:-1][boundaries.face_of_ring]
-    bad[boundaries.face_of_ring[inner & (outer * areas > 0)]] = True
+def faces_with_rings_alike(faces: FaceTable, flat: NDArray[np.float64]) -> Mask:
+    """Faces (F,) with an inner ring that runs the same way round as the outer one, their corners at places
+    (P, 2): code 208."""
+    areas, bad = faces.ring_areas_at(flat), np.zeros(len(faces), bool)
+    first = faces.outer[faces.face_of_ring]
+    bad[faces.face_of_ring[(first != np.arange(len(first))) & (areas[first] * areas > 0)]] = True
     return bad
-
-
-def as_polygons(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> NDArray[np.object_]:
-    """Shapely polygons of some faces, of points (P, 2) in the plane; every ring has three points or more."""
-    rings = _ranges(boundaries.faces[faces], boundaries.faces[faces + 1])
-    points = _ranges(boundaries.rings[rings], boundaries.rings[rings + 1])
-    sizes = boundaries.rings[rings + 1] - boundaries.rings[rings]
-    ends = np.cumsum(sizes)
-    closing = np.insert(points, ends, boundaries.rings[rings])
-    ring_offsets = np.concatenate([[0], np.cumsum(sizes + 1)])
-    face_offsets = np.concatenate([[0], np.cumsum(boundaries.faces[faces + 1] - boundaries.faces[faces])])
-    polygons: NDArray[np.object_] = shapely.from_ragged_array(
-        shapely.GeometryType.POLYGON, flat[closing], (ring_offsets, face_offsets)
-    )
-    return polygons
 
 
 def why_invalid(polygon: shapely.Polygon) -> tuple[int, str]:
@@ -123,21 +199,13 @@ def why_invalid(polygon: shapely.Polygon) -> tuple[int, str]:
     return next((code for text, code in REASONS if text in reason), 201), reason.split("[")[0]
 
 
-def _ranges(starts: Integers, stops: Integers) -> Integers:
-    """The numbers start…stop-1 of all pairs, one after the other."""
-    sizes = stops - starts
-    skip = np.repeat(starts - np.concatenate([[0], np.cumsum(sizes)[:-1]]), sizes)
-    return np.asarray(np.arange(sizes.sum()) + skip)
-
-
 FEWEST_POINTS = 3
 
 
-def faces_with_short_rings(boundaries: Boundaries) -> Mask:
+def faces_with_short_rings(faces: FaceTable) -> Mask:
     """Faces (F,) with a ring of fewer than three points, or with no ring at all: code 101."""
-    bad = np.asarray(np.diff(boundaries.faces) == 0)
-    short = np.diff(boundaries.rings) < FEWEST_POINTS
-    bad[boundaries.face_of_ring[short]] = True
+    bad = np.asarray(faces.ring_counts == 0)
+    bad[faces.face_of_ring[faces.ring_sizes < FEWEST_POINTS]] = True
     return bad
 
 
@@ -158,31 +226,23 @@ class Triangles:
         return Triangles(self.numbers[part], self.corners[part], self.face[part])
 
 
-def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> Triangles:
-    """Constrained Delaunay triangles of each of some valid faces.
+def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Mask) -> Triangles:
+    """Constrained Delaunay triangles of each of some valid faces (F,).
 
     `flat` (P, 2) are the points in two dimensions: on the plane of their face, where Delaunay triangles are
     the best shaped (what code 204 is defined on), or on two of the axes, where they are whole numbers, so
     that points on one line stay on it and no triangle lies across a third one (what shells need).
     """
-    cut = shapely.constrained_delaunay_triangles(as_polygons(boundaries, flat, faces))
-    pieces, owner = shapely.get_parts(cut, return_index=True)
-    corner = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    face = faces[owner]
-    position = _find_points(boundaries, flat, corner, face)
-    numbers = boundaries.points[position]
-    corners = boundaries.local[position]
-    outward = ring_areas(boundaries, flat)[boundaries.faces[face]]  # which way round the outer ring runs
-    backwards = outward * _twice_area(corner) < 0
-    numbers[backwards], corners[backwards] = numbers[backwards][:, ::-1], corners[backwards][:, ::-1]
-    return Triangles(numbers, corners, face)
+    shapes = boundaries.faces.polygons_at(flat, faces)
+    position, face = boundaries.faces.cut(flat, shapes, np.flatnonzero(faces))
+    return Triangles(boundaries.points[position], boundaries.local[position], face)
 
 
-def tangled_faces(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> Integers:
-    """Those of some faces that cross themselves in these two dimensions so that no triangles fill them."""
-    polygons = as_polygons(boundaries, flat, faces)
+def tangled_faces(boundaries: Boundaries, flat: NDArray[np.float64], faces: Mask) -> Integers:
+    """Those of some faces (F,) that cross themselves in two dimensions so that no triangles fill them."""
     tangled = []
-    for face, polygon in zip(faces, polygons, strict=True):
+    shapes = boundaries.faces.polygons_at(flat, faces)
+    for face, polygon in zip(np.flatnonzero(faces), shapes, strict=True):
         try:
             shapely.constrained_delaunay_triangles(polygon)
         except shapely.errors.GEOSException:
@@ -207,23 +267,3 @@ def normal_deviations(triangles: Triangles, face_count: int) -> Values:
         pair = np.flatnonzero(later < (start + size)[face])
         np.minimum.at(smallest, face[pair], np.einsum("ti,ti->t", normal[pair], normal[pair + shift]))
     return np.arccos(np.clip(smallest, -1.0, 1.0))
-
-
-def _find_points(
-    boundaries: Boundaries, flat: NDArray[np.float64], corner: NDArray[np.float64], face: Integers
-) -> Integers:
-    """Positions (T, 3) in `points` of triangle corners (T, 3, 2) with coordinates copied from `flat`."""
-    have = np.column_stack([boundaries.face_of_point, flat])
-    want = np.column_stack([np.repeat(face, 3), corner.reshape(-1, 2)])
-    rows = np.vstack([have, want]) + 0.0  # -0.0 becomes 0.0
-    order = np.lexsort((np.arange(len(rows)), rows[:, 2], rows[:, 1], rows[:, 0]))
-    new = np.r_[True, (rows[order][1:] != rows[order][:-1]).any(axis=1)]
-    leader = np.empty(len(rows), np.int64)
-    leader[order] = order[np.maximum.accumulate(np.where(new, np.arange(len(rows)), 0))]
-    return leader[len(have) :].reshape(-1, 3)
-
-
-def _twice_area(corner: NDArray[np.float64]) -> Values:
-    """Twice the signed areas (T,) of triangles (T, 3, 2)."""
-    u, v = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])

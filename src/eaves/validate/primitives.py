@@ -11,26 +11,26 @@ import shapely
 
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import Finding, Integers, Mask
-from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Shell, lay_flat
 from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
     FALL_TOGETHER,
+    LARGEST_EXTENT,
+    Boundaries,
+    Shell,
     Triangles,
-    as_polygons,
     faces_with,
     faces_with_rings_alike,
     faces_with_short_rings,
     fit_planes,
+    lay_flat,
     normal_deviations,
     on_planes,
-    ring_areas,
     shadow_axes,
     tangled_faces,
     triangulate,
     why_invalid,
 )
-from eaves.validate.shells import check_shells
-from eaves.validate.solids import composite_defects, solid_defects, solids_overlap
+from eaves.validate.shells import check_shells, composite_defects, solid_defects, solids_overlap
 
 NORMALS_DEG = 20.0
 """Largest angle between the normals of two triangles of a polygon; val3dity's default `planarity_n_tol`."""
@@ -158,7 +158,7 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
     The first defect of a face ends its check.
     """
     codes: dict[int, tuple[int, str]] = {}
-    good = np.ones(boundaries.face_count, bool)
+    good = np.ones(len(boundaries.faces), bool)
 
     def condemn(bad: Mask, code: int, detail: str) -> None:
         codes.update((int(face), (code, detail)) for face in np.flatnonzero(good & bad))
@@ -166,38 +166,39 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
 
     far: Mask = np.any(boundaries.local > LARGEST_EXTENT, axis=1)
     condemn(faces_with(boundaries, far), 901, "the coordinates are too far apart to be a building")
-    condemn(faces_with_short_rings(boundaries), 101, "a ring of fewer than three points")
-    repeated = boundaries.points == boundaries.points[boundaries.next_point]
+    condemn(faces_with_short_rings(boundaries.faces), 101, "a ring of fewer than three points")
+    following = boundaries.faces.following
+    repeated = boundaries.points == boundaries.points[following]
     condemn(faces_with(boundaries, repeated), 102, "two consecutive points at one place")
     planes = fit_planes(boundaries)
     for face in np.flatnonzero(good & (planes.distance > limits.planarity)):
         codes[int(face)] = (203, f"a point is {planes.distance[face]:.3f} m from the polygon's plane")
     good[list(codes)] = False
     flat = on_planes(boundaries, planes)
-    alike = np.abs(flat - flat[boundaries.next_point]).max(axis=1) < FALL_TOGETHER
+    alike = np.abs(flat - flat[following]).max(axis=1) < FALL_TOGETHER
     condemn(faces_with(boundaries, alike), 104, "two points fall together on the polygon's plane")
     axes = shadow_axes(planes)[boundaries.face_of_point]
     shadow = np.take_along_axis(boundaries.local, axes, axis=1).astype(np.float64)
     faces = np.flatnonzero(good)
     if len(faces):
-        polygons = as_polygons(boundaries, shadow, faces)
-        same_way = faces_with_rings_alike(boundaries, ring_areas(boundaries, shadow))
+        polygons = boundaries.faces.polygons_at(shadow, good)
+        same_way = faces_with_rings_alike(boundaries.faces, shadow)
         for position in np.flatnonzero(~shapely.is_valid(polygons)):
             codes[int(faces[position])] = why_invalid(polygons[position])
         for face in np.flatnonzero(good & same_way):
             if codes.get(int(face), (0, ""))[0] != 104:
                 codes[int(face)] = (208, "an inner ring runs the same way round as the outer one")
         good[list(codes)] = False
-    uneven = np.flatnonzero(good & (planes.distance > EVEN))
+    uneven = good & (planes.distance > EVEN)
     try:
         on_plane = triangulate(boundaries, flat, uneven)
     except shapely.errors.GEOSException:  # valid on two axes, and not on the plane it nearly lies on
         tangled = tangled_faces(boundaries, flat, uneven)
         codes |= {int(face): (104, "the polygon crosses itself on its plane") for face in tangled}
         good[tangled] = False
-        on_plane = triangulate(boundaries, flat, np.setdiff1d(uneven, tangled))
-    deviation = np.rad2deg(normal_deviations(on_plane, boundaries.face_count))
-    triangles = triangulate(boundaries, shadow, np.flatnonzero(good))
+        on_plane = triangulate(boundaries, flat, uneven & good)
+    deviation = np.rad2deg(normal_deviations(on_plane, len(boundaries.faces)))
+    triangles = triangulate(boundaries, shadow, good)
     for face in np.flatnonzero(deviation > limits.normals):
         codes[int(face)] = (204, f"the normals of its triangles differ by {deviation[face]:.1f} degrees")
     return codes, triangles

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import shapely
 from shapely import Polygon
@@ -12,9 +14,10 @@ from shapely import Polygon
 from eaves.buildings.building_file import Kept, as_found
 from eaves.buildings.edited import Order, OwnedOrders
 from eaves.buildings.join import block_of
-from eaves.change.edits import Edit, edits_of_layer, read_edits, settle
-from eaves.flow.collisions import EDITS, LAYER
+from eaves.change.edits import Edit, edits_of_layer, read_edits, settle, write_edits
+from eaves.flow.refusals import EDITS, LAYER
 from eaves.flow.region import model_edits
+from eaves.flow.run import Run
 from eaves.flow.step import Region
 from eaves.flow.steps import BUILDINGS, EDITED
 from eaves.model import Block, CoordinateSystem, Failure, Footprint
@@ -115,3 +118,34 @@ def overlaps(orders: Sequence[Order], shown: Mapping[str, Polygon]) -> list[str]
             if area > OVERLAP_M2:
                 words.append(f"{name}: its outline covers {area:.1f} m² of {other}")
     return words
+
+
+log = logging.getLogger("eaves")
+
+
+@dataclass(frozen=True)
+class CarriedEdits:
+    """The edits that a build finds in its folder."""
+
+    run: Run
+    edits: Sequence[Edit]
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Those in the folder of a run."""
+        return cls(run, kept_edits(run.folder, run.index.system))
+
+    def correct(self, region: Region, owners: list[Block]) -> list[Block]:
+        """Carry them out on the buildings of a region, which `owners` own, and say of each that gave nothing
+        why; the blocks that own buildings then."""
+        corrected = correct(region, self.edits)
+        log.info("%d edits of an earlier run are carried over", len(self.edits))
+        for words in (*corrected.conflicts, *corrected.failed):
+            log.warning("edit: %s", words)
+        return Kept(region.store).owners(region.run.side)
+
+    def keep(self) -> Path:
+        """Write the file of the edits again, as those of this build; its path."""
+        path = self.run.folder / EDITS
+        write_edits(path, self.edits, self.run.index.system)
+        return path

@@ -14,15 +14,14 @@ from pathlib import Path
 import laspy
 import numpy as np
 
-from eaves.buildings.building_file import Kept, as_found
+from eaves.buildings.building_file import NUMBERS, Kept, as_found, keep_numbers, numbers_of_owners
 from eaves.change.edits import Edit, read_edits, write_edits
 from eaves.change.upkeep.corrected import changed_in_layer, correct, kept_edits, outlines_in
 from eaves.change.upkeep.kept import MODELS, link_file, link_results, open_again, read_request
 from eaves.change.upkeep.versions import Versions, known_ids, lines_of, name_versions, write_history
 from eaves.flow.classified_points import KEYS, known_copies
-from eaves.flow.collisions import EDITS, is_same_place
-from eaves.flow.numbers import NUMBERS, keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
+from eaves.flow.refusals import EDITS, is_same_place
 from eaves.flow.region import EARLIER, bring_points, drop_upkeep, end_region, open_region
 from eaves.flow.run import Progress, Run, no_progress, stated_request
 from eaves.flow.step import Region, store_of

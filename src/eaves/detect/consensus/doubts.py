@@ -10,7 +10,7 @@ from eaves.detect.stage import MIN_AREA_M2
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
 from eaves.model.doubt import Doubt
-from eaves.raster.squares import grown_by_square
+from eaves.raster.groups import grown_by_square
 
 STAGE = "detect"
 

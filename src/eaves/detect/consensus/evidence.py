@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
-from eaves.detect.toolkit.plane_moments import sums_of
+from eaves.geometry.planes import sums_of
 from eaves.model import Labels, Mask, Points, Scene, Values
 
 

@@ -7,8 +7,7 @@ from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence, missed_by
 from eaves.model import Labels, Mask, Values
-from eaves.raster.groups import neighbour_pairs
-from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
+from eaves.raster.groups import closed_by_square, grown_by_square, neighbour_pairs, opened_by_square
 
 
 def without_narrow_parts(building: Mask, evidence: Evidence, least: float) -> Mask:

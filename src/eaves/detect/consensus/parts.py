@@ -10,7 +10,7 @@ from eaves.detect.stage import MOST, ROOM_M
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
 from eaves.model.scene import ROOF, WALL
-from eaves.raster.squares import shrunk_by_square
+from eaves.raster.groups import shrunk_by_square
 
 
 def part_of_points(

@@ -11,7 +11,7 @@ from eaves.detect.consensus.evidence import Evidence, groups_of
 from eaves.detect.stage import MIN_AREA_M2, MOST
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
-from eaves.raster.squares import grown_by_square
+from eaves.raster.groups import grown_by_square
 
 
 class VoidRules(Method):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.detect.toolkit.cells import Cells
-from eaves.detect.toolkit.plane_moments import Sums
+from eaves.geometry.planes import Sums
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import Values

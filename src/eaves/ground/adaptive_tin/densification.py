@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Mask, Points, Values
-from eaves.model.cloud import GRID_STEP
+from eaves.model import GRID_STEP, Mask, Points, Values
 
 UPRIGHT = np.inf
 """Slope (1) of a facet that has no area."""
@@ -72,8 +71,8 @@ class Waiting(NamedTuple):
 
     def without(self, gone: Mask) -> Waiting:
         """Those that are left."""
-        left = np.flatnonzero(~gone)
-        return Waiting(self.numbers.take(left), self.hint.take(left), self.judged.take(left, axis=0))
+        waiting = np.flatnonzero(~gone)
+        return Waiting(self.numbers.take(waiting), self.hint.take(waiting), self.judged.take(waiting, axis=0))
 
 
 def densify(tin: Tin, xyz: Points, waiting: Waiting, limits: Limits, rounds: int) -> int:
@@ -190,7 +189,7 @@ def fits_kernel(
     numbers: NDArray[np.int64],
     hint: Ids,
     judged: Ids,
-    whole: NDArray[np.int64],
+    steps: NDArray[np.int64],
     corner: NDArray[np.float64],
     vertices: Ids,
     neighbours: Ids,
@@ -208,16 +207,16 @@ def fits_kernel(
     fits, new = np.zeros(len(numbers), np.bool_), np.zeros(len(numbers), np.bool_)
     last = 0
     for i in range(len(numbers)):
-        p, known = numbers[i], hint[i]
+        p, triangle = numbers[i], hint[i]
         if (
-            known >= 0
-            and vertices[known, 0] == judged[i, 0]
-            and vertices[known, 1] == judged[i, 1]
-            and vertices[known, 2] == judged[i, 2]
+            triangle >= 0
+            and vertices[triangle, 0] == judged[i, 0]
+            and vertices[triangle, 1] == judged[i, 1]
+            and vertices[triangle, 2] == judged[i, 2]
         ):
             continue
         x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
-        here = walk(whole, vertices, neighbours, hint[i] if hint[i] >= 0 else last, whole[p, 0], whole[p, 1])
+        here = walk(steps, vertices, neighbours, hint[i] if hint[i] >= 0 else last, steps[p, 0], steps[p, 1])
         hint[i] = here
         last = here
         judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
@@ -244,7 +243,7 @@ def fits_kernel(
             continue
         mx, my = 2.0 * xyz[nearest, 0] - x, 2.0 * xyz[nearest, 1] - y
         right, up = int(np.round((mx - corner[0]) / GRID_STEP)), int(np.round((my - corner[1]) / GRID_STEP))
-        across = walk(whole, vertices, neighbours, here, right, up)
+        across = walk(steps, vertices, neighbours, here, right, up)
         height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my, steepest)
         if away > 0.0 or slope > steep:
             continue
@@ -259,7 +258,7 @@ def residual_kernel(
     numbers: NDArray[np.int64],
     hint: Ids,
     judged: Ids,
-    whole: NDArray[np.int64],
+    steps: NDArray[np.int64],
     vertices: Ids,
     neighbours: Ids,
     residual: Values,
@@ -275,7 +274,7 @@ def residual_kernel(
             a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
             if a == judged[i, 0] and b == judged[i, 1] and c == judged[i, 2]:
                 continue
-        last = walk(whole, vertices, neighbours, here if here >= 0 else last, whole[p, 0], whole[p, 1])
+        last = walk(steps, vertices, neighbours, here if here >= 0 else last, steps[p, 0], steps[p, 1])
         hint[i] = last
         for k in range(3):
             judged[i, k] = vertices[last, k]
@@ -300,7 +299,7 @@ def tolerance_at(level: Tolerances, x: float, y: float) -> Any:
 def near_kernel(
     points: Points,
     xyz: Points,
-    whole: NDArray[np.int64],
+    steps: NDArray[np.int64],
     corner: NDArray[np.float64],
     vertices: Ids,
     neighbours: Ids,
@@ -309,8 +308,8 @@ def near_kernel(
     steepest: float,
 ) -> Mask:
     """Mask (M,) of the points (M, 3) within the tolerance + `slant` · slope of the facet at each, along z."""
-    near = np.empty(len(points), np.bool_)
-    here, held = 0, -1
+    fits = np.empty(len(points), np.bool_)
+    here, facet = 0, -1
     east, north, slope = 0.0, 0.0, 0.0
     # a little more than the least and the most that a mean of tolerances can be: it decides only between
     least, most = level.usual, level.usual
@@ -322,18 +321,18 @@ def near_kernel(
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         right, up = int(np.rint((x - corner[0]) / GRID_STEP)), int(np.rint((y - corner[1]) / GRID_STEP))
-        here = walk(whole, vertices, neighbours, here, right, up)
+        here = walk(steps, vertices, neighbours, here, right, up)
         a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
             height, slope, _ = facet_at(xyz, vertices, neighbours, here, x, y, steepest)
-            held = -1
+            facet = -1
         else:
-            if here != held:  # points come in order, so a plane often serves the next one too
+            if here != facet:  # points come in order, so a plane often serves the next one too
                 east, north, slope = plane_of(xyz, vertices, here)
-                held = here
+                facet = here
             height = xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1])
         off, more = abs(z - height), slant * min(slope, steepest)
-        near[i] = off <= least + more
-        if not near[i] and off <= most + more:
-            near[i] = off <= tolerance_at(level, x, y) + more
-    return near
+        fits[i] = off <= least + more
+        if not fits[i] and off <= most + more:
+            fits[i] = off <= tolerance_at(level, x, y) + more
+    return fits

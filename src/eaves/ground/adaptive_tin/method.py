@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.percentiles import group_percentiles
@@ -19,17 +20,67 @@ from eaves.ground.adaptive_tin.densification import (
     near_surface,
     update_residuals,
 )
-from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.doubts import edges_without_step
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.wide_objects import Patch, find_wide_objects
-from eaves.methods import Emit, ignore, parameter
-from eaves.model import Bounds, Mask, PointCloud, Points, Values
-from eaves.model.cloud import snap
+from eaves.methods import Emit, Method, ignore, parameter
+from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points, Values, snap
 from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY, empty_raster, whole_cells
+
+
+class Rim(Method):
+    """Extrapolation of the terrain beyond the edge of the data."""
+
+    rim_apart: float = parameter(
+        10.0,
+        "Distance between points that predict the terrain; the first stand half as far outside the data.",
+        unit="m",
+        gt=0,
+    )
+    rim_nearest: int = parameter(
+        32, "Number of nearest sure ground points that define the plane of each.", ge=1
+    )
+
+
+def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:
+    """Points (K, 3) around `bounds`, at the heights that the sure ground points (N, 3) predict.
+
+    Without them the hull of a TIN runs through roofs and crowns that the rim of the data cuts. Its facets
+    there are slivers as steep as walls, and points climb them. Each height is that of a plane through the
+    nearest ground points, fitted with a little stiffness (a metre), for their place may not tell a slope; it
+    goes on for twice `rim_apart`, and level from there.
+    """
+    if len(sure) == 0:
+        return np.zeros((0, 3))
+    xy = rim_ring(bounds.buffered(rules.rim_apart / 2), rules.rim_apart)
+    number = min(rules.rim_nearest, len(sure))
+    distance, nearest = map(
+        np.asarray,
+        cKDTree(sure[:, :2], compact_nodes=False, balanced_tree=False).query(xy, k=np.arange(1, number + 1)),
+    )
+    around = sure[nearest]
+    middle = around.mean(axis=1)
+    offset = around - middle[:, None]
+    spread = np.einsum("ijk,ijl->ikl", offset[..., :2], offset[..., :2])
+    spread += number * np.eye(2)
+    rise = np.einsum("ijk,ij->ik", offset[..., :2], offset[..., 2])
+    slope = np.linalg.solve(spread, rise[..., None])[..., 0]
+    step = xy - around[:, 0, :2]
+    step *= np.minimum(1.0, 2 * rules.rim_apart / np.maximum(distance[:, :1], GRID_STEP))
+    height = middle[:, 2] + ((around[:, 0, :2] + step - middle[:, :2]) * slope).sum(axis=1)
+    return np.asarray(np.c_[xy, np.round(height / GRID_STEP) * GRID_STEP])
+
+
+def rim_ring(bounds: Bounds, apart: float) -> Points:
+    """Points (K, 2) along the rim of `bounds`, corners among them, at most `apart` (m) apart."""
+    columns = np.linspace(bounds.west, bounds.east, 1 + int(np.ceil((bounds.east - bounds.west) / apart)))
+    rows = np.linspace(bounds.south, bounds.north, 1 + int(np.ceil((bounds.north - bounds.south) / apart)))
+    south, north = (np.c_[columns, np.full(len(columns), y)] for y in (bounds.south, bounds.north))
+    west, east = (np.c_[np.full(len(rows) - 2, x), rows[1:-1]] for x in (bounds.west, bounds.east))
+    return np.asarray(np.round(np.concatenate([south, north, west, east]) / GRID_STEP) * GRID_STEP)
 
 
 class AdaptiveTin(Rim, Opening, GroundMethod):
@@ -201,32 +252,32 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         if len(cloud) < 3:
             return np.ones(len(cloud), bool), None
         spacing = measure_spacing(cloud.xyz)
-        near = np.arange(len(cloud))
+        inner = np.arange(len(cloud))
         if core is not None:
-            near = np.flatnonzero(core.buffered(self.rim_apart).contains(cloud.xyz))
-        if len(near) == 0:
+            inner = np.flatnonzero(core.buffered(self.rim_apart).contains(cloud.xyz))
+        if len(inner) == 0:
             return np.zeros(len(cloud), bool), None
         looks = self.looks if spacing > self.cell_least and self.seed_cell is None else 1
-        votes = np.zeros(len(near), np.int64)
+        votes = np.zeros(len(inner), np.int64)
         for k in range(looks):
             shift = spacing * np.array([k / looks, (2 * k % looks) / looks, 0.0])
             xyz = snap(cloud.xyz + shift) if k else cloud.xyz
-            votes += self.ground_mask_in_cells(xyz, near, spacing, over, ignore if k else emit)
+            votes += self.ground_mask_in_cells(xyz, inner, spacing, over, ignore if k else emit)
         mask = 2 * votes > looks
         doubtful = (votes > 0) & (votes < looks)
         if looks == 1:
             cell = max(2 * self.fine_cell, spacing)
-            doubtful = edges_without_step(cloud.xyz.take(near, axis=0), mask, cell, self.tolerance_most)
+            doubtful = edges_without_step(cloud.xyz.take(inner, axis=0), mask, cell, self.tolerance_most)
         ground, unsure = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.uint8)
-        ground[near], unsure[near] = mask, np.where(doubtful, np.uint8(DOUBTFUL), np.uint8(0))
+        ground[inner], unsure[inner] = mask, np.where(doubtful, np.uint8(DOUBTFUL), np.uint8(0))
         return ground, unsure
 
     def ground_mask_in_cells(
-        self, xyz: Points, near: NDArray[np.int64], spacing: float, over: Mask, emit: Emit = ignore
+        self, xyz: Points, inner: NDArray[np.int64], spacing: float, over: Mask, emit: Emit = ignore
     ) -> Mask:
         """The mask (K,) of points that the cells give as they lie about the local origin.
 
-        Objects are looked for among all points (N, 3); the TIN is made of those `near` (K,).
+        Objects are looked for among all points (N, 3); the TIN is made of those `inner` (K,).
         """
         cell = max(self.cell_least, spacing)
         if self.seed_cell is not None:
@@ -234,37 +285,37 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         else:
             seeds = seeds_by_opening(lowest_surface(xyz, Bounds.of(xyz), cell, self, over), self)
         place = np.full(len(xyz), EMPTY)
-        place[near] = np.arange(len(near))
-        seeds, xyz, waiting = place[seeds], xyz.take(near, axis=0), ~over[near]
+        place[inner] = np.arange(len(inner))
+        seeds, xyz, waiting = place[seeds], xyz.take(inner, axis=0), ~over[inner]
         seeds = seeds[seeds != EMPTY]
         emit("seeds", xyz.take(seeds, axis=0))
         if len(seeds) == 0:
-            return np.zeros(len(near), bool)
+            return np.zeros(len(inner), bool)
         bounds = Bounds.of(xyz)
         candidates = lowest_of_cells(xyz, max(self.fine_cell, 0.5 * spacing), bounds)
         first = seeds[lowest_of_cells(xyz.take(seeds, axis=0), 2 * cell)]
         waiting[first] = False
-        rest = seeds[waiting[seeds]]
-        waiting[rest] = False
+        fine = seeds[waiting[seeds]]
+        waiting[fine] = False
         candidates = candidates[waiting[candidates]]
-        used = np.zeros(len(xyz), bool)  # in the TIN: seeds and candidates, and nothing else of the points
-        used[seeds] = used[candidates] = True
-        place = np.cumsum(used) - 1
+        inserted = np.zeros(len(xyz), bool)  # into the TIN: seeds and candidates alone
+        inserted[seeds] = inserted[candidates] = True
+        place = np.cumsum(inserted) - 1
         around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self)
-        low = np.concatenate([xyz.take(np.flatnonzero(used), axis=0), around])
+        low = np.concatenate([xyz.take(np.flatnonzero(inserted), axis=0), around])
         tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(around), len(low))]))
-        others, residual = Waiting.of(place[rest]), np.zeros(len(rest))
-        update_residuals(tin, low, others, residual, self.steepest)
-        level = self.tolerances(xyz, rest, residual, bounds)
+        waiting_fine, residual = Waiting.of(place[fine]), np.zeros(len(fine))
+        update_residuals(tin, low, waiting_fine, residual, self.steepest)
+        level = self.tolerances(xyz, fine, residual, bounds)
         noise = self.noise_share * level.usual
-        insert_residuals(tin, low, others, residual, noise, self.steepest)
+        insert_residuals(tin, low, waiting_fine, residual, noise, self.steepest)
         angle = np.radians(self.angle + self.angle_share * spacing)
         limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise, self.steepest)
         densify(tin, low, Waiting.of(place[candidates]), limits, self.rounds)
         if emit is not ignore:
             emit("triangles", low[tin.triangles])
         slant = self.slant_share * spacing
-        return near_surface(tin, low, xyz, level, slant, self.steepest) & ~over[near]
+        return near_surface(tin, low, xyz, level, slant, self.steepest) & ~over[inner]
 
     def tolerances(
         self, xyz: Points, seeds: NDArray[np.int64], residual: Values, bounds: Bounds

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.ground.toolkit.floor import COARSEST_M
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import GRID_STEP, Bounds, Doubt, Mask, PointCloud, Points
 from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP
-from eaves.model.doubt import Doubt
 from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY, empty_raster, lowest_points, whole_cells
 from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
@@ -27,12 +25,12 @@ def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> M
     """
     cells = empty_raster(whole_cells(Bounds.of(xyz), cell), cell)
     number = lowest_points(xyz, cells.bounds, cell)
-    one, other = neighbour_pairs(number != EMPTY, steps=BESIDE)
+    cell_a, cell_b = neighbour_pairs(number != EMPTY, steps=BESIDE)
     lowest = number.ravel()
-    a, b = lowest[one], lowest[other]
+    a, b = lowest[cell_a], lowest[cell_b]
     open_ = (ground[a] != ground[b]) & (np.abs(xyz[a, 2] - xyz[b, 2]) <= step)
     marked = np.zeros(number.shape, bool)
-    marked.flat[one[open_]] = marked.flat[other[open_]] = True
+    marked.flat[cell_a[open_]] = marked.flat[cell_b[open_]] = True
     return np.asarray(marked[cells.cell_of(xyz)])
 
 
@@ -52,10 +50,12 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
     low, high = extremes(cell)
     shape = int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
     number = ((cell[:, 0] - low[0]) * shape[1] + cell[:, 1] - low[1]).astype(np.int64)
-    every, some = (np.bincount(cells, minlength=shape[0] * shape[1]) for cells in (number, number[doubtful]))
-    mask = (some > 0).reshape(shape)
+    total, unsure = (
+        np.bincount(cells, minlength=shape[0] * shape[1]) for cells in (number, number[doubtful])
+    )
+    mask = (unsure > 0).reshape(shape)
     group, count = group_cells(mask, *neighbour_pairs(mask))
-    area = np.bincount(group.ravel(), COARSEST_M**2 * some / np.maximum(every, 1), count + 1)
+    area = np.bincount(group.ravel(), COARSEST_M**2 * unsure / np.maximum(total, 1), count + 1)
     home = group.ravel()[number[doubtful]]
     middle = np.zeros((count + 1, 2), np.int64)
     np.add.at(middle, home, quanta[doubtful].astype(np.int64))

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from eaves.ground.toolkit.outliers import without_pits
 from eaves.kernels import kernel
-from eaves.model import Bounds, Grid, PointCloud, Points
-from eaves.model.cloud import GRID_STEP
-from eaves.model.doubt import Doubt
+from eaves.model import GRID_STEP, Bounds, Doubt, Grid, PointCloud, Points
 
 FINEST_M = 1.5
 """Side of the finest cells: two of them are as wide as a way that a car takes. Fixed, for floors are kept
@@ -45,9 +43,9 @@ class WorldGrids:
         rows = slice(max(0, self.north - top), max(0, self.north - bottom + 1))
         columns = slice(max(0, first - self.west), max(0, last - self.west))
         inside = tuple(
-            one
-            for one in self.doubts
-            if bounds.west <= one.x < bounds.east and bounds.south <= one.y < bounds.north
+            doubt
+            for doubt in self.doubts
+            if bounds.west <= doubt.x < bounds.east and bounds.south <= doubt.y < bounds.north
         )
         changes: dict[str, Any] = {"west": max(self.west, first), "north": min(self.north, top)}
         for name, grid in vars(self).items():
@@ -122,10 +120,10 @@ class Floor:
         c0, c1 = max(0, left), min(columns, left + other.shape[1])
         if r0 >= r1 or c0 >= c1:
             return
-        theirs = np.s_[r0 - above : r1 - above, c0 - left : c1 - left]
-        mine = np.s_[r0:r1, c0:c1]
-        self.lowest[mine] = np.fmin(self.lowest[mine], other.lowest[theirs])
-        self.count[mine] += other.count[theirs]
+        source = np.s_[r0 - above : r1 - above, c0 - left : c1 - left]
+        target = np.s_[r0:r1, c0:c1]
+        self.lowest[target] = np.fmin(self.lowest[target], other.lowest[source])
+        self.count[target] += other.count[source]
 
     def doubled(self) -> Floor:
         """The same in cells twice as wide."""
@@ -148,8 +146,8 @@ class Floor:
         """The same in cells so wide that half of those that hold points hold more than `ENOUGH_POINTS`."""
         floor = self
         while floor.cell < COARSEST_M:
-            held = floor.count[floor.count > 0]
-            if len(held) == 0 or np.median(held) > ENOUGH_POINTS:
+            points = floor.count[floor.count > 0]
+            if len(points) == 0 or np.median(points) > ENOUGH_POINTS:
                 break
             floor = floor.doubled()
         return floor

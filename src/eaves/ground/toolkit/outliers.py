@@ -245,7 +245,14 @@ def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -
     right = min(cells.columns - 1, int((x + reach - west) / cells.side))
     bottom = max(0, int((y - reach - south) / cells.side))
     top = min(cells.rows - 1, int((y + reach - south) / cells.side))
-    ax, ay, bx, by, seen, near = 0.0, 0.0, 0.0, 0.0, False, 0  # they are seen from a, counter-clockwise to b
+    ax, ay, bx, by, any_above, neighbours = (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        False,
+        0,
+    )  # they are seen from a, counter-clockwise to b
     for r in range(bottom, top + 1):
         cell = r * cells.columns
         for k in range(cells.first[cell + left], cells.first[cell + right + 1]):
@@ -253,19 +260,19 @@ def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -
             u, v = xyz[j, 0] - x, xyz[j, 1] - y
             if not 0.0 < u * u + v * v <= reach * reach:
                 continue
-            near += 1
+            neighbours += 1
             if xyz[j, 2] <= middle:
                 continue
             after_a, after_b = ax * v - ay * u, bx * v - by * u
-            if not seen:
-                ax, ay, bx, by, seen = u, v, u, v, True
+            if not any_above:
+                ax, ay, bx, by, any_above = u, v, u, v, True
             elif after_a < 0.0 < after_b:
                 return True
             elif after_a < 0.0:
                 ax, ay = u, v
             elif after_b > 0.0 or (after_a == after_b == 0.0 and ax * u + ay * v < 0.0):
                 bx, by = u, v
-    return near < LONELY
+    return neighbours < LONELY
 
 
 @kernel
@@ -295,15 +302,15 @@ def ceiling_kernel(above: Values) -> Values:
     ceiling = np.full((rows, columns), np.inf)
     for row in range(rows):
         for column in range(columns):
-            near, top = 0, -np.inf
+            occupied, top = 0, -np.inf
             for r in range(max(0, row - 1), min(rows, row + 2)):
                 for c in range(max(0, column - 1), min(columns, column + 2)):
                     if (r != row or c != column) and above[r, c, GROUP + 1] > 0:
-                        near, top = near + 1, max(top, above[r, c, 0])
+                        occupied, top = occupied + 1, max(top, above[r, c, 0])
             best = above[row, column]
             for size in range(min(GROUP, int(GROUP_SHARE * best[GROUP + 1])), 0, -1):
                 least = best[size - 1]
-                if near >= 3 and least - best[size] >= CELL_M and least >= top + CELL_M:
+                if occupied >= 3 and least - best[size] >= CELL_M and least >= top + CELL_M:
                     ceiling[row, column] = least
                     break
     return ceiling

@@ -5,20 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.tin import Tin
+from eaves.geometry.tin import Tin, areas_and_radii
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
-from eaves.model import Failure, Mask, Points
-from eaves.reconstruct.moments.edges import (
-    LEAST_NOISE,
-    covered_area,
-    frame_of,
-    measure_edges,
-    rectangle_around,
-    settle_axes,
-)
+from eaves.kernels import kernel
+from eaves.model import Failure, Mask, Points, Values
 from eaves.reconstruct.moments.invariants import (
     ClosedForm,
     Rectangle,
@@ -43,6 +38,126 @@ from eaves.reconstruct.moments.parametric_roof import (
     ParametricFit,
     fit_parametric_roof,
 )
+
+STRAY = 6.0
+"""A point outside the edge costs as much as a gap in which six points were to be expected."""
+
+MOST_STRAYS = 0.05
+"""Share of the points that may lie outside each edge."""
+
+
+@kernel
+def extent_kernel(ordered: Values) -> tuple[float, float, float]:
+    """Low and high edge of ordered values (N,), and the standard deviation of each.
+
+    Of uniformly spread points with strays the likeliest edges are sought: n·ln(high − low) plus the strays'
+    cost. Beyond the last point the edge is as far as a place at random is from the next point, Σg² / 2Σg
+    for gaps g, which is right for random points and for scan lines alike [cox1962].
+    """
+    count = len(ordered)
+    reach = int(MOST_STRAYS * count)
+    low, high = 0, count - 1
+    for _ in range(2):
+        best = np.inf
+        for i in range(reach + 1):
+            span = ordered[high] - ordered[i]
+            if span <= 0.0:
+                break
+            cost = STRAY * i + count * np.log(span)
+            if cost < best:
+                best, low = cost, i
+        best = np.inf
+        for i in range(reach + 1):
+            span = ordered[count - 1 - i] - ordered[low]
+            if span <= 0.0:
+                break
+            cost = STRAY * i + count * np.log(span)
+            if cost < best:
+                best, high = cost, count - 1 - i
+    first, second, third = 0.0, 0.0, 0.0
+    for i in range(low, high):
+        gap = ordered[i + 1] - ordered[i]
+        first += gap
+        second += gap * gap
+        third += gap * gap * gap
+    beyond, spread = 0.0, 0.0
+    if first > 0.0:
+        beyond = second / (2.0 * first)
+        spread = np.sqrt(max(third / (3.0 * first) - beyond * beyond, 0.0))
+    return float(ordered[low] - beyond), float(ordered[high] + beyond), float(spread)
+
+
+def extent_of(values: Values) -> tuple[float, float, float]:
+    """Low and high edge (m) of values (N,), N ≥ 2, and the standard deviation (m) of each."""
+    low, high, deviation = extent_kernel(np.sort(values))
+    return low, high, deviation
+
+
+LEAST_NOISE = 0.015
+"""Noise (m) under which a fit does not tell forms apart."""
+
+EMPTY_RADIUS = 4.0
+"""A triangle is empty ground when its circle is this many times wider than usual."""
+
+
+def rectangle_around(plan: BaseGeometry) -> Rectangle:
+    """The least rectangle around a plan."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
+    sides = np.diff(corners[:3], axis=0)
+    sizes = np.hypot(*sides.T)
+    longer = int(np.argmax(sizes))
+    x, y = corners[:4].mean(axis=0)
+    angle = float(np.arctan2(*sides[longer, ::-1]))
+    return Rectangle(float(x), float(y), angle, float(sizes[longer]), float(sizes[1 - longer]))
+
+
+def frame_of(fit: ParametricFit, plan: Rectangle) -> tuple[float, float, float, float, float, float]:
+    """The edges of a plan in the axes of the fit, parallel to its own: how sure they are, only its maker
+    knows (NaN)."""
+    turned = abs(np.sin(fit.parameters[ANGLE] - plan.orientation)) > 0.5
+    along, across = 0.5 * plan.length, 0.5 * plan.width
+    if turned:
+        along, across = across, along
+    return -along, along, -across, across, np.nan, np.nan
+
+
+def settle_axes(fit: ParametricFit, points: Points) -> ParametricFit:
+    """The plane's fit with axes along the sides of the rectangle around points (N, 3), falling across.
+
+    A plane has no ridge to tell the orientation. Where it falls, the fall tells it; where it is flat,
+    the least rectangle.
+    """
+    along, across = fit.parameters[END_SLOPE], fit.parameters[LEFT_SLOPE]
+    if np.hypot(along, across) >= np.tan(np.radians(FLAT_SLOPE_DEG)):
+        return turned_fit(fit, float(np.arctan2(along, across)))
+    plan = rectangle_around(shapely.multipoints(points[:, :2]))
+    return turned_fit(fit, plan.orientation - fit.parameters[ANGLE])
+
+
+def turned_fit(fit: ParametricFit, turn: float) -> ParametricFit:
+    """The same plane in axes turned by `turn` (radians)."""
+    p = fit.parameters.copy()
+    cosine, sine = np.cos(turn), np.sin(turn)
+    gradient_along, gradient_across = p[END_SLOPE], -p[LEFT_SLOPE]
+    p[ANGLE] += turn
+    p[END_SLOPE] = cosine * gradient_along + sine * gradient_across
+    p[LEFT_SLOPE] = -(cosine * gradient_across - sine * gradient_along)
+    return ParametricFit(fit.form, fit.centre, p, fit.residuals, fit.covariance, fit.scale)
+
+
+def measure_edges(fit: ParametricFit, points: Points) -> tuple[float, float, float, float, float, float]:
+    """Low and high along, low and high across, in the axes of the fit, and a deviation for each axis."""
+    along, across = fit.axes(points)
+    west, east, end_deviation = extent_of(along)
+    south, north, side_deviation = extent_of(across)
+    return west, east, south, north, end_deviation, side_deviation
+
+
+def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
+    """Area (m²) of the triangles (T, 3) between points (N, 3) without the wide ones over empty ground."""
+    area, radius = areas_and_radii(points, triangles)
+    return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
+
 
 FEWEST_POINTS = 16
 """Points a house of seven parameters is asked from."""
@@ -108,13 +223,13 @@ def fit_building(
     moments = surface_moments(points, triangles)
     if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
-    given = None if plan is None else rectangle_around(plan)
-    forms, best = solve_closed(points, triangles, given)
+    rectangle = None if plan is None else rectangle_around(plan)
+    forms, best = solve_closed(points, triangles, rectangle)
     if not closed_only:
-        best = choose_fit(points, forms, turns=given is None)
+        best = choose_fit(points, forms, turns=rectangle is None)
     inlier = np.abs(best.residuals) <= CUT * best.scale
-    if given is not None or closed_only:
-        frame = frame_of(best, given or forms[0])
+    if rectangle is not None or closed_only:
+        frame = frame_of(best, rectangle or forms[0])
     else:
         rim = inlier | ((best.residuals > 0.0) & (best.residuals < HIGHEST_PARAPET))
         if best.form == PLANE:
@@ -185,13 +300,13 @@ def choose_fit(points: Points, closed: list[ClosedForm], turns: bool) -> Paramet
     """The fit that explains the points best for its number of parameters, from a closed solution, in whose
     axes it stays unless it `turns`; a hip whose ends hardly fall is a gable."""
     centre = np.array([closed[0].x, closed[0].y])
-    some = points[:: max(1, len(points) // CHOICE_POINTS)]
+    sample = points[:: max(1, len(points) // CHOICE_POINTS)]
     fits = []
     for solution in closed:
         form, start = parameters_of(solution)
         if form == HIP:
             start[HALF_RIDGE] += 0.25 * solution.width  # half-way to a gable: half-hips are found from there
-        fits.append(fit_parametric_roof(form, some, centre, start, LEAST_NOISE, turns=turns))
+        fits.append(fit_parametric_roof(form, sample, centre, start, LEAST_NOISE, turns=turns))
     fits = [fit for fit in fits if is_roof(fit)]
     for choice in np.argsort(costs_of(fits), kind="stable"):
         form, start = fits[choice].form, fits[choice].parameters

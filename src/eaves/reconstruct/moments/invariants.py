@@ -62,16 +62,18 @@ def surface_moments(xyz: Points, triangles: NDArray[np.int32]) -> SurfaceMoments
     corners = xyz[triangles]
     (ux, uy), (vx, vy) = ((corners[:, k, :2] - corners[:, 0, :2]).T for k in (1, 2))
     area = 0.5 * np.abs(ux * vy - vx * uy)
-    whole = float(area.sum())
-    if whole <= 0.0:
+    total = float(area.sum())
+    if total <= 0.0:
         return SurfaceMoments(*np.zeros(14).tolist())
-    mean = (area[:, None] * corners.mean(axis=1)).sum(axis=0) / whole
+    mean = (area[:, None] * corners.mean(axis=1)).sum(axis=0) / total
     x, y, h = np.moveaxis(np.einsum("qk,tkd->tqd", RULE, corners) - mean, -1, 0)
-    weight = area[:, None] * WEIGHTS / whole
+    weight = area[:, None] * WEIGHTS / total
     xx, xy, yy = x * x, x * y, y * y
     fourth = (xx * xx - 6.0 * xx * yy + yy * yy, 4.0 * xy * (xx - yy))
     integrals = (xx, xy, yy, h * x, h * y, h * xx, h * xy, h * yy, *fourth)
-    return SurfaceMoments(whole, *mean.tolist(), *(float((weight * one).sum()) for one in integrals))
+    return SurfaceMoments(
+        total, *mean.tolist(), *(float((weight * integral).sum()) for integral in integrals)
+    )
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,17 @@ from shapely import Polygon
 from eaves.figures.attributes import describe_roof
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
-from eaves.model.cloud import canonical_order
+from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid, canonical_order
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.parametric_roof import CUT
-from eaves.reconstruct.moments.parts import PartLimits, RoofPart, explained, find_parts
-from eaves.reconstruct.moments.solid import rectangle_of, solids_of
+from eaves.reconstruct.moments.solid import (
+    PartLimits,
+    RoofPart,
+    explained,
+    find_parts,
+    rectangle_of,
+    solids_of,
+)
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.evidence import points_inside
 
@@ -119,9 +124,9 @@ class Moments(Reconstructor, PartLimits):
             doubt = self.doubt(house, parts[:count], roof)
             if doubt:
                 return Failure("not_a_house", doubt, "reconstruct", footprint)
-            found = solids_of(house, parts[:count], ground)
-            if found is not None:
-                return self.present(house, parts[:count], found, points, roof, footprint, ground)
+            solids = solids_of(house, parts[:count], ground)
+            if solids is not None:
+                return self.present(house, parts[:count], solids, points, roof, footprint, ground)
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
 
     def house_of(self, roof: Points, plan: Polygon) -> ParametricBuilding | Failure:
@@ -148,20 +153,20 @@ class Moments(Reconstructor, PartLimits):
         self,
         house: ParametricBuilding,
         parts: list[RoofPart],
-        found: tuple[list[Solid], NDArray[np.float64]],
+        built: tuple[list[Solid], NDArray[np.float64]],
         points: Points,
         roof: Points,
         footprint: Footprint,
         ground: float,
     ) -> BuildingModel:
         """The model of a house, its planes with the points on them, and its measures."""
-        solids, faces = found
+        solids, faces = built
         reach = max(CUT * house.fit.scale, self.tolerance)
         planes = tuple(members_on(points, (float(a), float(b), float(c)), reach) for a, b, c in faces)
         plan = rectangle_of(house)
         model = BuildingModel(footprint.with_(polygon=plan), {"2.2": tuple(solids)}, planes)
-        seen, top = points[points_inside(points, plan)], roof[points_inside(roof, plan)]
-        attributes = {**describe_roof(model, seen, top, ground), **measures(house, parts)}
+        inside, top = points[points_inside(points, plan)], roof[points_inside(roof, plan)]
+        attributes = {**describe_roof(model, inside, top, ground), **measures(house, parts)}
         return model.with_(footprint=footprint, attributes=attributes)
 
 
@@ -169,24 +174,28 @@ def members_on(points: Points, coefficients: tuple[float, float, float], reach: 
     """The roof plane with those of the points (N, 3) that are within `reach` (m) of it."""
     bare = RoofPlane(coefficients, np.zeros(0, np.int64), 0.0)
     away = bare.distance_to(points)
-    own = np.flatnonzero(np.abs(away) <= reach)
-    rmse = float(np.sqrt(np.mean(away[own] ** 2))) if len(own) else 0.0
-    return RoofPlane(coefficients, own, rmse)
+    members = np.flatnonzero(np.abs(away) <= reach)
+    rmse = float(np.sqrt(np.mean(away[members] ** 2))) if len(members) else 0.0
+    return RoofPlane(coefficients, members, rmse)
 
 
 def measures(house: ParametricBuilding, parts: list[RoofPart]) -> dict[str, Any]:
     """The parameters of a house as attributes (m, degrees), with standard deviations, fitted and closed."""
     deviations, closed = house.deviations, house.closed
-    answer: dict[str, Any] = {"house_type": house.roof, "house_parts": len(parts), "house_rmse_m": house.rmse}
+    figures: dict[str, Any] = {
+        "house_type": house.roof,
+        "house_parts": len(parts),
+        "house_rmse_m": house.rmse,
+    }
     for name in ("length", "width", "eaves", "ridge"):
-        answer[f"house_{name}_m"] = getattr(house, name)
-        answer[f"house_{name}_sd_m"] = deviations[name] if np.isfinite(deviations[name]) else None
-        answer[f"house_{name}_closed_m"] = getattr(closed, name)
+        figures[f"house_{name}_m"] = getattr(house, name)
+        figures[f"house_{name}_sd_m"] = deviations[name] if np.isfinite(deviations[name]) else None
+        figures[f"house_{name}_closed_m"] = getattr(closed, name)
     for name, value in (("orientation", house.orientation), ("slope", house.slope)):
-        answer[f"house_{name}_deg"] = float(np.degrees(value))
-        known = np.isfinite(deviations[name])
-        answer[f"house_{name}_sd_deg"] = float(np.degrees(deviations[name])) if known else None
-    answer["house_orientation_closed_deg"] = float(np.degrees(closed.orientation)) % 180.0
-    answer["house_slope_closed_deg"] = float(np.degrees(closed.slope))
-    answer["house_ridge_offset_m"] = house.ridge_offset
-    return answer
+        figures[f"house_{name}_deg"] = float(np.degrees(value))
+        certain = np.isfinite(deviations[name])
+        figures[f"house_{name}_sd_deg"] = float(np.degrees(deviations[name])) if certain else None
+    figures["house_orientation_closed_deg"] = float(np.degrees(closed.orientation)) % 180.0
+    figures["house_slope_closed_deg"] = float(np.degrees(closed.slope))
+    figures["house_ridge_offset_m"] = house.ridge_offset
+    return figures

@@ -11,10 +11,9 @@ from pydantic import BaseModel
 from eaves.geometry.components import members
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
-from eaves.model import Labels, Points, Values
-from eaves.solids.coverage import Coverage
+from eaves.model import Integers, Labels, Points, Values
+from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
-from eaves.solids.half_edges import MOST_ROUNDS, OUTSIDE, Integers
 
 LARGEST = 1e5
 """Cost of a label at a node from which it is never taken."""

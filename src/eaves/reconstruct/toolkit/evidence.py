@@ -15,8 +15,18 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.planes import LINE_RATIO, add_point_kernel, plane_of_sums_kernel
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.kernels import kernel
-from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Mask, Points, RoofPlane, Values
-from eaves.model.building import NO_PLANE
+from eaves.model import (
+    NO_PLANE,
+    BuildingModel,
+    Failure,
+    Footprint,
+    Integers,
+    Labels,
+    Mask,
+    Points,
+    RoofPlane,
+    Values,
+)
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.solids.extrude import LOWEST_ROOF
 
@@ -133,27 +143,27 @@ def planes_of_regions(
     owner = np.full(len(roof), -1, np.int32)
     owner[located[0]] = region[located[1]]
     fitted = planes.copy()
-    near = fit_kernel(roof, owner, fitted, reach)
-    return np.where(near, owner, -1).astype(np.int32), fitted
+    fits = fit_kernel(roof, owner, fitted, reach)
+    return np.where(fits, owner, -1).astype(np.int32), fitted
 
 
 @kernel
 def fit_kernel(points: Points, owner: Labels, planes: Values, reach: float) -> Mask:
     """Fits the `planes` (P, 3: a, b, c) to the points (N, 3) of their `owner` (N,), -1 for none, within a
     reach (m) of them, again and again; which points are within it (N,)."""
-    near, plane = np.zeros(len(points), np.bool_), np.zeros(4)
+    fits, plane = np.zeros(len(points), np.bool_), np.zeros(4)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     middle = points[0].copy()
     for _ in range(FIT_ROUNDS):
         sums = np.zeros((len(planes), 10))
         for point in range(len(points)):
             number = owner[point]
-            near[point] = False
+            fits[point] = False
             if number >= 0:
                 a, b, c = planes[number]
                 x, y, z = points[point]
-                near[point] = abs(z - a * x - b * y - c) <= reach * np.sqrt(1.0 + a * a + b * b)
-                if near[point]:
+                fits[point] = abs(z - a * x - b * y - c) <= reach * np.sqrt(1.0 + a * a + b * b)
+                if fits[point]:
                     x, y, z = points[point] - middle
                     add_point_kernel(sums[number], x, y, z, 1.0)
         for number in range(len(planes)):
@@ -164,7 +174,7 @@ def fit_kernel(points: Points, owner: Labels, planes: Values, reach: float) -> M
             if values[1] >= LINE_RATIO**2 * values[2] and z > STEEPEST:
                 planes[number, 0], planes[number, 1] = -x / z, -y / z
                 planes[number, 2] = (d + x * middle[0] + y * middle[1] + z * middle[2]) / z
-    return near
+    return fits
 
 
 def largest_only(owner: Labels, top: Integers) -> Labels:

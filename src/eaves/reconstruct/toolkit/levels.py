@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.geometry.percentiles import group_percentiles, quantile
-from eaves.model import Points, Solid, Values
+from eaves.model import Integers, Points, Solid, Values
 from eaves.reconstruct.toolkit.evidence import (
     PRISM_PERCENTILE,
 )
 from eaves.solids.coverage import Coverage
 from eaves.solids.extrude import LOWEST_ROOF, extrude_plan, without_numbers
-from eaves.solids.half_edges import Integers
 
 MOST_WORK = 50_000_000
 """Heights times cells that are looked at when levels are grouped; of more, evenly chosen heights speak."""

@@ -19,13 +19,11 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import parameter
-from eaves.model import Bounds, Installation, Mask, Points, Solid, Values
-from eaves.model.building import ROOF_SURFACE
+from eaves.model import ROOF_SURFACE, Bounds, Installation, Integers, Mask, Points, Solid, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
-from eaves.solids.coverage import NARROWEST_NECK, Coverage, coverage_of, cut_polygons
+from eaves.solids.coverage import NARROWEST_NECK, OUTSIDE, Coverage, coverage_of, cut_polygons
 from eaves.solids.extrude import SAME_HEIGHT
-from eaves.solids.half_edges import OUTSIDE, Integers
 from eaves.solids.soundness import CLOSEST, LOWEST_WALL
 from eaves.solids.undersides import RoofPlan, close_slabs
 

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.model.cloud import BRIDGE_DECK, BUILDING, UNCLASSIFIED, WIRE, WIRE_TOWER
+from eaves.model import BRIDGE_DECK, BUILDING, UNCLASSIFIED, WIRE, WIRE_TOWER
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
 from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, closed, curtain, curtains, fan, upright_box
 from eaves.simulate.objects.terrain import Corridor, Terrain

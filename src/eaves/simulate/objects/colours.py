@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eaves.model.cloud import BUILDING, GROUND, HIGH_VEGETATION, LOW_VEGETATION
+from eaves.model import BUILDING, GROUND, HIGH_VEGETATION, LOW_VEGETATION
 from eaves.simulate.objects.exact import ExactScene
 
 BANDS = ("red", "green", "blue", "nir")
@@ -59,8 +59,8 @@ def coloured(scene: ExactScene, seed: int = 0) -> ExactScene:
     light[(truth >= LOW_VEGETATION) & (truth <= HIGH_VEGETATION)] = LEAF
     roof = ROOFS[rng.choice(len(ROOFS), int(scene.building.max(initial=0)) + 1, p=SHARES)]
     light = np.where((truth == BUILDING)[:, None], roof[scene.building], light)
-    others = ~np.isin(truth, (GROUND, BUILDING, *range(LOW_VEGETATION, HIGH_VEGETATION + 1)))
-    light[others] = PAVING
+    paved = ~np.isin(truth, (GROUND, BUILDING, *range(LOW_VEGETATION, HIGH_VEGETATION + 1)))
+    light[paved] = PAVING
     values = np.round(FULL * light * np.exp(rng.normal(0.0, SPREAD, light.shape)))
     fields = dict(zip(BANDS, values.T.copy(), strict=True))
     fields["intensity"] = np.round(0.5 * fields["nir"])

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.simulate.objects.masses import Mass
+from eaves.simulate.objects.exact import Mass
 from eaves.simulate.objects.roofs import (
     Masses,
     chimney,

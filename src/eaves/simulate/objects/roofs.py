@@ -8,11 +8,9 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.model import PointCloud, Values
+from eaves.model import BUILDING, GROUND, UNCLASSIFIED, PointCloud, Values
 from eaves.model.checks import check_positive
-from eaves.model.cloud import BUILDING, GROUND, UNCLASSIFIED
-from eaves.simulate.objects.exact import ExactBuilding, ExactFace, ExactScene
-from eaves.simulate.objects.masses import Mass, Plane, roof_partition
+from eaves.simulate.objects.exact import ExactBuilding, ExactFace, ExactScene, Mass, Plane, roof_partition
 
 Masses = tuple[Mass, ...]
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.detect.toolkit.cells import Cells
-from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
-from eaves.geometry.planes import CALM_QUANTILE, measure_noise
+from eaves.geometry.planes import CALM_QUANTILE, fit_planes, measure_noise, sums_of
 from eaves.kernels import kernel
 from eaves.model import Points, Values
 from eaves.units.row_walls.rows import CELL_M, HouseRow

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eaves.model import Bounds, Mask, Values
-from eaves.model.cloud import BRIDGE_DECK
+from eaves.model import BRIDGE_DECK, Bounds, Mask, Values
 from eaves.simulate.objects.houses import (
     Design,
     draw_church,
@@ -20,9 +19,8 @@ from eaves.simulate.objects.houses import (
 )
 from eaves.simulate.objects.roofs import flat
 from eaves.simulate.objects.streets import Placement, Plot, lay_streets
-from eaves.simulate.objects.surfaces import ScannedSurfaces, upright_box
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, upright_box
 from eaves.simulate.objects.terrain import Corridor, Terrain, cut_corridor, make_terrain
-from eaves.simulate.objects.vegetation import Foliage
 from eaves.simulate.town import BuildingSite, Town
 
 Grid = Values
@@ -167,7 +165,7 @@ def simulate_old_town(area_km2: float = 0.04, seed: int = 0) -> OldTown:
 
     Examples
     --------
-    >>> from eaves.simulate.old_town import simulate_old_town
+    >>> from benchmarks.accuracy.old_town import simulate_old_town
     >>> old = simulate_old_town(0.01, seed=3)
     >>> len(old.levels) > 0
     True

@@ -8,17 +8,20 @@ from typing import ClassVar
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import LineString, Polygon
+from shapely.geometry.polygon import orient
+from shapely.ops import split
 
 from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.maas_vosselman.primitives import cut_plan
+from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.moments.building import ParametricBuilding
 from eaves.reconstruct.moments.method import measures
-from eaves.reconstruct.moments.parts import RoofPart, find_parts
 from eaves.reconstruct.moments.solid import (
+    RoofPart,
+    find_parts,
     house_segments,
     name_cells,
     rectangle_of,
@@ -34,7 +37,6 @@ from eaves.reconstruct.toolkit.plan_lines import (
 )
 from eaves.solids.coverage import OVERSHOOT, Coverage
 from eaves.solids.cutting import arrange
-from eaves.solids.half_edges import Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,39 +107,39 @@ class MaasVosselman(Reconstructor):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The building from its points (N, 3), ground plan and roof planes."""
-        seen = seen_roof(points, footprint)
-        if isinstance(seen, Failure):
-            return seen
-        roof = points[seen[1]]
+        seen_points = seen_roof(points, footprint)
+        if isinstance(seen_points, Failure):
+            return seen_points
+        roof = points[seen_points[1]]
         pieces, cuts = cut_plan(footprint.polygon, self.least_fill, self.smallest_primitive)
         primitives = [self.shape(piece, roof) for piece in pieces]
         emit("primitives", pieces)
-        houses = [(one.house, one.parts) for one in primitives if one.house is not None]
+        houses = [(part.house, part.parts) for part in primitives if part.house is not None]
         emit("moments", [rectangle_of(house) for house, _ in houses])
         emit("dormers", [rectangle_of(house, part.edges) for house, parts in houses for part in parts])
         facts = {"primitives": len(primitives), "primitives_by_moments": len(houses)}
         if houses:
-            answer = self.join(primitives, cuts, points, seen, footprint, planes, ground, emit)
-            if answer is not None:
+            joint = self.join(primitives, cuts, points, seen_points, footprint, planes, ground, emit)
+            if joint is not None:
                 if len(primitives) == 1:
                     facts |= measures(*houses[0])
-                return answer.with_(attributes={**answer.attributes, **facts})
+                return joint.with_(attributes={**joint.attributes, **facts})
         facts["primitives_by_moments"] = 0
-        other = self.faces.model(points, footprint, planes, ground, emit)
-        return other if isinstance(other, Failure) else other.with_(attributes={**other.attributes, **facts})
+        model = self.faces.model(points, footprint, planes, ground, emit)
+        return model if isinstance(model, Failure) else model.with_(attributes={**model.attributes, **facts})
 
     def shape(self, piece: Polygon, roof: Points) -> Primitive:
         """The house over a piece of the plan among all roof points (N, 3), if it is a standard one."""
-        own = roof[points_inside(roof, piece)]
-        house = self.houses.house_of(own, piece)
+        members = roof[points_inside(roof, piece)]
+        house = self.houses.house_of(members, piece)
         if isinstance(house, Failure):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width
         along, across = house.fit.axes(shapely.get_coordinates(piece))
         edges = (along.min(), along.max(), across.min(), across.max())  # the walls are the plan's
         house = replace(house, edges=edges, empty_share=1.0 - covered / piece.area)
-        parts = find_parts(house, own, self.houses)
-        if self.houses.doubt(house, parts, own):
+        parts = find_parts(house, members, self.houses)
+        if self.houses.doubt(house, parts, members):
             return Primitive(piece, None, [])
         return Primitive(piece, house, parts)
 
@@ -146,25 +148,26 @@ class MaasVosselman(Reconstructor):
         primitives: list[Primitive],
         cuts: NDArray[np.float64],
         points: Points,
-        seen: tuple[NDArray[np.int64], NDArray[np.int64]],
+        seen_points: tuple[NDArray[np.int64], NDArray[np.int64]],
         footprint: Footprint,
         planes: list[RoofPlane],
         ground: float,
         emit: Emit,
     ) -> BuildingModel | None:
         """One solid over all primitives; None when it is not sound, or faces are wanted and none is there."""
-        roof, top = points[seen[1]], seen[1]
+        roof, top = points[seen_points[1]], seen_points[1]
         spacing = measure_spacing(roof)
-        others = [primitive.piece for primitive in primitives if primitive.house is None]
-        if others and not planes:
+        polyhedral = [primitive.piece for primitive in primitives if primitive.house is None]
+        if polyhedral and not planes:
             return None
         labels, faces = np.full(len(roof), -1, np.int32), np.zeros((0, 3))
         lines = [cuts]
-        if others:
+        if polyhedral:
             labels, faces = support_of(points, top, planes, spacing, ground, self.faces)
-            found = candidate_lines(roof, labels, faces, footprint.polygon, spacing, self.faces)
+            candidates = candidate_lines(roof, labels, faces, footprint.polygon, spacing, self.faces)
             lines += [
-                inside(extend(found, footprint.polygon, self.faces.extension), piece) for piece in others
+                inside(extend(candidates, footprint.polygon, self.faces.extension), piece)
+                for piece in polyhedral
             ]
         for primitive in primitives:
             if primitive.house is not None:
@@ -177,7 +180,9 @@ class MaasVosselman(Reconstructor):
             return None
         chosen, coefficients = label_plan_cells(plan, primitives, roof, labels, faces)
         plan, chosen = plan.merged(chosen)
-        model = raise_polyhedron(plan, chosen, coefficients, points, seen, footprint, ground, self.faces)
+        model = raise_polyhedron(
+            plan, chosen, coefficients, points, seen_points, footprint, ground, self.faces
+        )
         return None if isinstance(model, Failure) else model
 
 
@@ -207,9 +212,86 @@ def label_plan_cells(
     for number, primitive in enumerate(primitives):
         if primitive.house is None:
             continue
-        own = np.flatnonzero(owner == number)
-        label, planes = name_cells(primitive.house, primitive.parts, shapely.get_coordinates(place[own]))
-        chosen[own] = label + first
+        cells = np.flatnonzero(owner == number)
+        label, planes = name_cells(primitive.house, primitive.parts, shapely.get_coordinates(place[cells]))
+        chosen[cells] = label + first
         everywhere.append(np.array([to_world_plane(primitive.house, plane) for plane in planes]))
         first += len(planes)
     return chosen, np.vstack(everywhere)
+
+
+JOG = 0.25
+"""A corner that a line simplified by this (m) leaves out starts no cut."""
+GAIN = 0.01
+"""A cut must fill the rectangles better by this share of the area."""
+MOST_PIECES = 12
+"""A plan of more pieces is no set of standard houses."""
+
+
+def cut_plan(plan: Polygon, least_fill: float, smallest: float) -> tuple[list[Polygon], NDArray[np.float64]]:
+    """The primitives of a plan, and the cuts (S, 4) between them.
+
+    While a piece fills less than `least_fill` of its least rectangle it is cut from a reflex corner along
+    one of the corner's two sides, where both halves together fill their boxes best. Pieces under `smallest`
+    (m²) are not cut off. The answer does not depend on where the ring starts."""
+    open_: list[Polygon] = [plan]
+    pieces: list[Polygon] = []
+    cuts: list[tuple[float, float, float, float]] = []
+    while open_:
+        piece = open_.pop()
+        room = len(open_) + len(pieces) + 2 <= MOST_PIECES
+        best = best_cut(piece, smallest) if room and fill_of(piece) < least_fill else None
+        if best is None:
+            pieces.append(piece)
+            continue
+        cuts.append(best[0])
+        open_ += best[1]
+    order = np.lexsort(np.array([[piece.centroid.y, piece.centroid.x] for piece in pieces]).T)
+    return [pieces[k] for k in order], np.array(cuts, np.float64).reshape(-1, 4)
+
+
+def fill_of(piece: Polygon) -> float:
+    """Share of its least rectangle that a piece fills."""
+    return float(piece.area / max(shapely.minimum_rotated_rectangle(piece).area, 1e-9))
+
+
+def best_cut(
+    piece: Polygon, smallest: float
+) -> tuple[tuple[float, float, float, float], list[Polygon]] | None:
+    """The cut after which both halves fill their rectangles best, and the halves; None when none gains."""
+    best, cut = fill_of(piece) + GAIN, None
+    for line in cuts_of(piece):
+        halves = [part for part in split(piece, line).geoms if part.geom_type == "Polygon"]
+        if len(halves) != 2 or min(half.area for half in halves) < smallest:
+            continue
+        fill = sum(half.area * fill_of(half) for half in halves) / piece.area
+        if fill > best + 1e-9:
+            (x1, y1), (x2, y2) = line.coords
+            best, cut = fill, ((x1, y1, x2, y2), halves)
+    return cut
+
+
+def cuts_of(piece: Polygon) -> list[LineString]:
+    """From each reflex corner the lines along its two sides to the first border they meet."""
+    ring = shapely.get_coordinates(orient(shapely.simplify(piece, JOG)).exterior)[:-1]
+    corners = {tuple(place) for place in shapely.get_coordinates(piece.exterior)}
+    before, after = ring - np.roll(ring, 1, 0), np.roll(ring, -1, 0) - ring
+    reflex = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] < -1e-6
+    border, lines = piece.boundary, []
+    far = float(np.hypot(*np.ptp(ring, axis=0)))
+    for corner, back, ahead in zip(ring[reflex], before[reflex], -after[reflex], strict=True):
+        if tuple(corner) not in corners:
+            continue
+        for way in (back, ahead):
+            step = way / max(float(np.hypot(*way)), 1e-9)
+            ray = LineString([corner + COORDINATE_STEP * step, corner + far * step])
+            meets = shapely.get_coordinates(shapely.intersection(ray, border))
+            aligned = np.abs((ring - corner) @ [-step[1], step[0]]) < OVERSHOOT
+            aligned &= (ring - corner) @ step > OVERSHOOT
+            meets = np.vstack([meets, ring[aligned]])
+            if len(meets) and piece.contains(shapely.Point(corner + 2.0 * COORDINATE_STEP * step)):
+                away = float(np.min((meets - corner) @ step))
+                lines.append(
+                    LineString([corner - COORDINATE_STEP * step, corner + (away + COORDINATE_STEP) * step])
+                )
+    return lines
