@@ -18,8 +18,8 @@ from shapely import LineString
 from eaves import formats
 from eaves.formats import InputError, read_polygons
 from eaves.formats.errors import EXTRAS, require_extra
+from eaves.formats.inputs import is_classified
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
-from eaves.formats.points.classified import is_classified
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.formats.vectors.polygons import read_upright
 from eaves.model import BuildingModel, CoordinateSystem, Failure
