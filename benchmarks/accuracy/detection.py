@@ -17,7 +17,7 @@ from eaves.model import PointCloud, Points
 from eaves.simulate.flight import Pattern
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.streets import TownStyle
-from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.objects.surfaces import TerrainKind
 from eaves.simulate.scanner import scan_town
 from eaves.simulate.standard import StandardScene
 from eaves.simulate.town import simulate_town

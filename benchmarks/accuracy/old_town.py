@@ -19,8 +19,15 @@ from eaves.simulate.objects.houses import (
 )
 from eaves.simulate.objects.roofs import flat
 from eaves.simulate.objects.streets import Placement, Plot, lay_streets
-from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, upright_box
-from eaves.simulate.objects.terrain import Corridor, Terrain, cut_corridor, make_terrain
+from eaves.simulate.objects.surfaces import (
+    Corridor,
+    Foliage,
+    ScannedSurfaces,
+    Terrain,
+    cut_corridor,
+    make_terrain,
+    upright_box,
+)
 from eaves.simulate.town import BuildingSite, Town
 
 Grid = Values

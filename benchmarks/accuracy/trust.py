@@ -34,8 +34,7 @@ from eaves.simulate import Town, scan_town, simulate_town, write_simulation
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.houses import DETACHED_SHARES, Design
 from eaves.simulate.objects.streets import TownStyle, draw_block
-from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, upright_box
-from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, TerrainKind, upright_box
 from eaves.simulate.town import lay_site
 
 TOWNS = (

@@ -28,8 +28,7 @@ from eaves.simulate.objects.exact import Mass
 from eaves.simulate.objects.houses import Design, draw_town_house, lifted
 from eaves.simulate.objects.roofs import Masses, flat, gable, plan_rectangle, shed
 from eaves.simulate.objects.streets import Placement
-from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces
-from eaves.simulate.objects.terrain import make_terrain
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, make_terrain
 from eaves.simulate.town import BuildingSite, Town
 
 COMMAND = "python -m benchmarks.scale.settlements"

@@ -9,7 +9,7 @@ import shapely
 from eaves.model import Integers, Points
 from eaves.reconstruct.arrangement import Arrangement, settle_corners
 from eaves.solids.coverage import Coverage, coverage_of
-from eaves.solids.simplification import is_sound
+from eaves.solids.extrude import is_sound
 
 SPACING = 0.25
 LOW, HIGH = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 6.0])

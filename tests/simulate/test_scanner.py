@@ -19,8 +19,14 @@ from eaves.simulate import (
 )
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
 from eaves.simulate.objects.roofs import gable, make_building, shifted_masses
-from eaves.simulate.objects.surfaces import BLOCK, Foliage, ScannedSurfaces, building_surfaces
-from eaves.simulate.objects.terrain import MARGIN, Terrain
+from eaves.simulate.objects.surfaces import (
+    BLOCK,
+    MARGIN,
+    Foliage,
+    ScannedSurfaces,
+    Terrain,
+    building_surfaces,
+)
 from eaves.simulate.ray_grid import index_town
 from eaves.simulate.scanner import PENCIL, Receiver, gaussian_beam, trace_pulses
 from eaves.simulate.town import Town

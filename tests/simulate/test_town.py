@@ -25,7 +25,7 @@ from eaves.simulate.objects.houses import (
     draw_town_house,
 )
 from eaves.simulate.objects.roofs import make_building, shifted_masses
-from eaves.simulate.objects.terrain import Corridor, cut_corridor, make_terrain
+from eaves.simulate.objects.surfaces import Corridor, cut_corridor, make_terrain
 from eaves.simulate.town import Town
 from eaves.validate import validate_model
 

@@ -10,8 +10,7 @@ from eaves.figures.attributes import measure_volume
 from eaves.geometry.face_table import FaceTable
 from eaves.solids.coverage import Coverage
 from eaves.solids.cutting import arrange
-from eaves.solids.extrude import extrude, split_crossings
-from eaves.solids.simplification import SHORTEST_BORDER
+from eaves.solids.extrude import SHORTEST_BORDER, extrude, split_crossings
 from eaves.solids.soundness import find_defect, fold_defect, on_own_plane
 
 SQUARE = shapely.box(0, 0, 4, 4)

@@ -20,7 +20,7 @@ from eaves.simulate import (
 )
 from eaves.simulate.flight import Pattern
 from eaves.simulate.objects.streets import TownStyle
-from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.objects.surfaces import TerrainKind
 
 CHOICES = {"pattern": get_args(Pattern), "terrain": get_args(TerrainKind), "style": get_args(TownStyle)}
 """The values of each option."""

@@ -36,8 +36,6 @@ from eaves.model.cloud import (
     WIRE,
     WIRE_TOWER,
     PointCloud,
-    canonical_order,
-    snap,
 )
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
 from eaves.model.doubt import Doubt
@@ -95,6 +93,4 @@ __all__ = [
     "Scene",
     "Solid",
     "Values",
-    "canonical_order",
-    "snap",
 ]

@@ -7,13 +7,22 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class Doubt:
-    """A place that deserves a look: its middle, its size, the reason in words, the stage that had it.
+    """A place that deserves a look, and why.
 
-    `x` and `y` are metres about the origin of what carries the doubt.
+    Parameters
+    ----------
+    x, y : float
+        Its middle: metres about the origin of what carries the doubt.
+    area_m2 : float
+        Its size (m²).
+    reason : str
+        What the scan does not decide, in words.
+    stage : str
+        The stage that met it.
 
     Examples
     --------
-    >>> from eaves.model.doubt import Doubt
+    >>> from eaves.model import Doubt
     >>> Doubt(1.0, 2.0, 30.0, "half of the rim continues the terrain", "detect").translated(10.0, 0.0).x
     11.0
     """

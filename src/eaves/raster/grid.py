@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
-from rasterio import Affine, features
-from shapely import Polygon
 
 from eaves.kernels import kernel
-from eaves.model import Bounds, Grid, Integers, Points, Raster, Values
+from eaves.model import Bounds, Doubt, Grid, Integers, Mask, Points, Raster, Values
 
 EMPTY = -1
 """In a grid of point numbers: a cell without points."""
@@ -70,6 +69,58 @@ def heights_of(numbers: Integers, z: Values) -> Grid:
     return np.where(numbers >= 0, z[np.maximum(numbers, 0)], np.nan).astype(np.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class WorldGrids:
+    """Grids (H, W) of cells of a side `cell` (m) that are fixed to the world.
+
+    `west` is the number of the first column and `north` that of the first row, in cells counted east and
+    north from the origin of the world; row 0 is the northernmost.
+    """
+
+    west: int
+    north: int
+    cell: float
+    doubts: tuple[Doubt, ...] = field(default=(), kw_only=True)
+
+    def cropped(self, bounds: Bounds) -> Self:
+        """The cells within `bounds` (world metres, whole cells)."""
+        first, last = round(bounds.west / self.cell), round(bounds.east / self.cell)
+        bottom, top = round(bounds.south / self.cell), round(bounds.north / self.cell) - 1
+        rows = slice(max(0, self.north - top), max(0, self.north - bottom + 1))
+        columns = slice(max(0, first - self.west), max(0, last - self.west))
+        inside = tuple(
+            doubt
+            for doubt in self.doubts
+            if bounds.west <= doubt.x < bounds.east and bounds.south <= doubt.y < bounds.north
+        )
+        changes: dict[str, Any] = {"west": max(self.west, first), "north": min(self.north, top)}
+        for name, grid in vars(self).items():
+            if isinstance(grid, np.ndarray):
+                changes[name] = grid[rows, columns].copy()
+        return replace(self, doubts=inside, **changes)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        grid = next(grid for grid in vars(self).values() if isinstance(grid, np.ndarray))
+        return grid.shape[0], grid.shape[1]
+
+    @property
+    def bounds(self) -> Bounds:
+        """World metres of the cells."""
+        rows, columns = self.shape
+        south, west = self.north + 1 - rows, self.west
+        return Bounds(
+            west * self.cell, south * self.cell, (west + columns) * self.cell, (self.north + 1) * self.cell
+        )
+
+    def centres(self, cells: Mask) -> tuple[Values, Values]:
+        """World coordinates (K,) and (K,), in metres, of the middles of the cells of a mask (H, W)."""
+        rows, columns = np.nonzero(cells)
+        x, y = (self.west + columns + 0.5) * self.cell, (self.north - rows + 0.5) * self.cell
+        return np.asarray(x, np.float64), np.asarray(y, np.float64)
+
+
 @kernel
 def extreme_kernel(
     xyz: Points, west: float, north: float, cell: float, rows: int, columns: int, sign: float
@@ -107,16 +158,3 @@ def mean_kernel(
             if count[row, column] > 0:
                 mean[row, column] = total[row, column] / count[row, column]
     return mean, count
-
-
-def rasterize(polygons: Sequence[Polygon], bounds: Bounds, cell: float) -> Raster:
-    """1 in every cell whose centre lies in a polygon, else 0; `bounds` run along cell borders."""
-    shape = (round(bounds.height / cell), round(bounds.width / cell))
-    values = np.zeros(shape, np.float32)
-    if polygons:
-        features.rasterize(
-            ((polygon, 1) for polygon in polygons),
-            out=values,
-            transform=Affine(cell, 0.0, bounds.west, 0.0, -cell, bounds.north),
-        )
-    return Raster(values, bounds.west, bounds.north, cell)

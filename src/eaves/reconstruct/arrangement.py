@@ -37,8 +37,7 @@ from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_towers, find_superstructures
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage, leaving_kernel
 from eaves.solids.cutting import arrange
-from eaves.solids.extrude import LOWEST_ROOF, extrude_plan, without_numbers
-from eaves.solids.simplification import corner_rank, is_sound, make_moves
+from eaves.solids.extrude import LOWEST_ROOF, corner_rank, extrude_plan, is_sound, make_moves, without_numbers
 from eaves.solids.soundness import LOWEST_WALL
 
 PASSES = 8

@@ -18,11 +18,11 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.moments.building import ParametricBuilding
-from eaves.reconstruct.moments.method import measures
-from eaves.reconstruct.moments.solid import (
+from eaves.reconstruct.moments.method import (
     RoofPart,
     find_parts,
     house_segments,
+    measures,
     name_cells,
     rectangle_of,
     to_world,

@@ -19,8 +19,9 @@ from eaves.methods import (
     naming,
     resolve_method,
 )
-from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, canonical_order
+from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.model.checks import check_points, check_type
+from eaves.model.cloud import canonical_order
 
 FALLBACK = "prism"
 """The method that models what the chosen one cannot."""

@@ -19,8 +19,7 @@ from eaves.geometry.rings import as_polygon
 from eaves.geometry.roof_fit import highest_faces
 from eaves.model import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE, Bounds, Face, Solid, Values
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace, extrude_partition
-from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, grow_tree
-from eaves.simulate.objects.terrain import CELL, Terrain
+from eaves.simulate.objects.surfaces import CELL, Foliage, ScannedSurfaces, Terrain, grow_tree
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
 
 logger = logging.getLogger(__name__)

@@ -15,15 +15,15 @@ from shapely.affinity import affine_transform
 
 from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row, write_polygons
-from eaves.model import Bounds, snap
+from eaves.model import Bounds
 from eaves.model.checks import check_positive
+from eaves.model.cloud import snap
 from eaves.simulate.files import undated
 from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene, Mass
 from eaves.simulate.objects.roofs import make_building
 from eaves.simulate.objects.streets import TownStyle, draw_block
-from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces
-from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, TerrainKind
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.town import APART, RIM, BuildingSite, Town, lay_site, put_extras
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from eaves.kernels import kernel
 from eaves.model import GROUND, WATER
-from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces
-from eaves.simulate.objects.terrain import Terrain
+from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, Terrain
 
 TERRAIN_LABEL, WATER_LABEL = 0, 1
 """First rows of the table of labels."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.streets import TownStyle
-from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.objects.surfaces import TerrainKind
 from eaves.simulate.scanner import scan_town
 from eaves.simulate.town import simulate_town
 

@@ -16,14 +16,18 @@ from eaves.simulate.objects.exact import ExactBuilding, Mass, Plane
 from eaves.simulate.objects.roofs import make_building
 from eaves.simulate.objects.streets import Placement, Plot, TownStyle, draw_block, lay_streets
 from eaves.simulate.objects.surfaces import (
+    Corridor,
     Foliage,
     ScannedSurfaces,
+    Terrain,
+    TerrainKind,
     building_surfaces,
+    cut_corridor,
     grow_hedge,
     grow_shrub,
     grow_tree,
+    make_terrain,
 )
-from eaves.simulate.objects.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
 from eaves.simulate.ray_grid import RayGrid, index_town
 
 logger = logging.getLogger(__name__)

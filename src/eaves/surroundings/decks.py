@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.ground.toolkit.floor import Floor, WorldGrids
+from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import BRIDGE_DECK, GRID_STEP, WATER, Bounds, Doubt, Grid, Labels, Mask, PointCloud, Values
+from eaves.raster.grid import WorldGrids
 from eaves.raster.groups import (
     ONWARD,
     closed_by_square,
@@ -118,8 +119,7 @@ def raised_in(window: Decks, raised: Patch | None) -> Mask:
     roofs = np.zeros(window.level.shape, bool)
     if raised is None:
         return roofs
-    rows, columns = np.nonzero(np.isfinite(raised.ceiling))
-    north, east = (raised.north - rows + 0.5) * raised.cell, (raised.west + columns + 0.5) * raised.cell
+    east, north = raised.centres(np.isfinite(raised.ceiling))
     row = window.north - np.floor(north / window.cell).astype(np.int64)
     column = np.floor(east / window.cell).astype(np.int64) - window.west
     height, width = window.level.shape

@@ -17,8 +17,8 @@ from eaves.model import (
     Mask,
     PointCloud,
     Values,
-    snap,
 )
+from eaves.model.cloud import snap
 from eaves.model.scene import TREE
 
 

@@ -25,27 +25,14 @@ from eaves.ground.toolkit.doubts import edges_without_step
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.wide_objects import Patch, find_wide_objects
-from eaves.methods import Emit, Method, ignore, parameter
-from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points, Values, snap
+from eaves.methods import Emit, ignore, parameter
+from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points, Values
+from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY, empty_raster, whole_cells
 
 
-class Rim(Method):
-    """Extrapolation of the terrain beyond the edge of the data."""
-
-    rim_apart: float = parameter(
-        10.0,
-        "Distance between points that predict the terrain; the first stand half as far outside the data.",
-        unit="m",
-        gt=0,
-    )
-    rim_nearest: int = parameter(
-        32, "Number of nearest sure ground points that define the plane of each.", ge=1
-    )
-
-
-def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:
+def rim_points(sure: Points, bounds: Bounds, rules: AdaptiveTin) -> Points:
     """Points (K, 3) around `bounds`, at the heights that the sure ground points (N, 3) predict.
 
     Without them the hull of a TIN runs through roofs and crowns that the rim of the data cuts. Its facets
@@ -83,7 +70,7 @@ def rim_ring(bounds: Bounds, apart: float) -> Points:
     return np.asarray(np.round(np.concatenate([south, north, west, east]) / GRID_STEP) * GRID_STEP)
 
 
-class AdaptiveTin(Rim, Opening, GroundMethod):
+class AdaptiveTin(Opening, GroundMethod):
     """Ground by progressive densification of a TIN.
 
     The mask (N,) of the ground points.
@@ -175,6 +162,15 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
     idea: ClassVar[str] = "A TIN of sure ground points takes in the points that fit it, until none joins."
     paper: ClassVar[str] = "axelsson2000"
 
+    rim_apart: float = parameter(
+        10.0,
+        "Distance between points that predict the terrain; the first stand half as far outside the data.",
+        unit="m",
+        gt=0,
+    )
+    rim_nearest: int = parameter(
+        32, "Number of nearest sure ground points that define the plane of each.", ge=1
+    )
     seed_cell: float | None = parameter(
         None,
         "Seeds are the lowest points of cells this wide; None takes those that survive the opening.",

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.ground.toolkit.outliers import without_pits
 from eaves.kernels import kernel
-from eaves.model import GRID_STEP, Bounds, Doubt, Grid, PointCloud, Points
+from eaves.model import GRID_STEP, Bounds, Grid, PointCloud, Points
+from eaves.raster.grid import WorldGrids
 
 FINEST_M = 1.5
 """Side of the finest cells: two of them are as wide as a way that a car takes. Fixed, for floors are kept
@@ -24,63 +24,11 @@ PIT_DEPTH_M, ENOUGH_POINTS = 1.0, 2.5
 
 
 @dataclass(frozen=True, eq=False)
-class WorldGrids:
-    """Grids (H, W) of cells of a side `cell` (m) that are fixed to the world.
+class Floor(WorldGrids):
+    """The lowest height of each cell (H, W), NaN where there is none, and how many points it has."""
 
-    `west` is the number of the first column and `north` that of the first row, in cells counted east and
-    north from the origin of the world; row 0 is the northernmost.
-    """
-
-    west: int
-    north: int
-    cell: float
-    doubts: tuple[Doubt, ...] = field(default=(), kw_only=True)
-
-    def cropped(self, bounds: Bounds) -> Self:
-        """The cells within `bounds` (world metres, whole cells)."""
-        first, last = round(bounds.west / self.cell), round(bounds.east / self.cell)
-        bottom, top = round(bounds.south / self.cell), round(bounds.north / self.cell) - 1
-        rows = slice(max(0, self.north - top), max(0, self.north - bottom + 1))
-        columns = slice(max(0, first - self.west), max(0, last - self.west))
-        inside = tuple(
-            doubt
-            for doubt in self.doubts
-            if bounds.west <= doubt.x < bounds.east and bounds.south <= doubt.y < bounds.north
-        )
-        changes: dict[str, Any] = {"west": max(self.west, first), "north": min(self.north, top)}
-        for name, grid in vars(self).items():
-            if isinstance(grid, np.ndarray):
-                changes[name] = grid[rows, columns].copy()
-        return replace(self, doubts=inside, **changes)
-
-
-@dataclass(frozen=True, eq=False)
-class Floor:
-    """The lowest height of each cell (H, W), NaN where there is none, and how many points it has.
-
-    `west` is the number of the first column and `north` that of the first row, in cells of `cell` (m) counted
-    east and north from the origin of the world; row 0 is the northernmost.
-    """
-
-    west: int
-    north: int
-    cell: float
     lowest: Grid
     count: NDArray[np.int32]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.lowest.shape[0], self.lowest.shape[1]
-
-    @property
-    def bounds(self) -> Bounds:
-        """World metres of the cells."""
-        rows, columns = self.shape
-        south, west = self.north + 1 - rows, self.west
-        return Bounds(
-            west * self.cell, south * self.cell, (west + columns) * self.cell, (self.north + 1) * self.cell
-        )
 
     def heights(self) -> Grid:
         """The height (H, W) of each cell: its lowest, or where that lies in a pit deeper than `PIT_DEPTH_M`,

@@ -11,26 +11,14 @@ from scipy import ndimage
 
 from eaves.ground.toolkit.wide_objects import LOOK_CELLS, PlateauRules
 from eaves.kernels import kernel
-from eaves.methods import Method, parameter
+from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Labels, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
 from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
 from eaves.raster.interpolate import ADJOINING, fill_linear, fill_smooth, near_cells
 
 
-class Tolerance(Method):
-    """Tolerance for points off a surface that is rough by itself."""
-
-    tolerance_gain: float = parameter(7.0, "Tolerance of a surface, in roughnesses.", symbol="t/ρ", ge=0)
-    tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
-    tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
-
-    def tolerance(self, roughness: float) -> float:
-        """Largest distance, along z, m, from a level surface of what belongs to it."""
-        return min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))
-
-
-class TerraceRules(PlateauRules, Tolerance):
+class TerraceRules(PlateauRules):
     """When an object cell is terrain."""
 
     level_share: float = parameter(

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.ground.toolkit.floor import Floor, WorldGrids
+from eaves.ground.toolkit.floor import Floor
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, PointCloud, Points, Values
+from eaves.raster.grid import WorldGrids
 from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells, nearest_cells
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)
@@ -25,8 +26,11 @@ beneath a raised surface is drawn from that as near; cells of none within twice 
 
 
 class PlateauRules(Method):
-    """When a surface stands over the terrain."""
+    """When a surface stands over the terrain, and how far off it points of it lie."""
 
+    tolerance_gain: float = parameter(7.0, "Tolerance of a surface, in roughnesses.", symbol="t/ρ", ge=0)
+    tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
+    tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
     wall: float = parameter(
         2.0,
         "Least height of the walls of a surface that stands on the terrain, or the side of a cell where that "
@@ -46,6 +50,10 @@ class PlateauRules(Method):
     wide_area: float = parameter(
         200.0, "Smaller surfaces are left to the opening, and it has the last word on them.", unit="m²", gt=0
     )
+
+    def tolerance(self, roughness: float) -> float:
+        """Largest distance, along z, m, from a level surface of what belongs to it."""
+        return min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,10 +303,9 @@ class WideObjects:
         """Points (K, 3) of the terrain beneath, those within `bounds`; local metres about `origin`."""
         parts = [np.zeros((0, 3))]
         for patch in self.patches:
-            rows, columns = np.nonzero(np.isfinite(patch.terrain))
-            x = (patch.west + columns + 0.5) * patch.cell - origin[0]
-            y = (patch.north - rows + 0.5) * patch.cell - origin[1]
-            points = np.c_[x, y, patch.terrain[rows, columns]]
+            inside = np.isfinite(patch.terrain)
+            x, y = patch.centres(inside)
+            points = np.c_[x - origin[0], y - origin[1], patch.terrain[inside]]
             parts.append(points[bounds.contains(points)])
         return np.concatenate(parts)
 

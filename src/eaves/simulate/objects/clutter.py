@@ -15,8 +15,17 @@ from numpy.typing import NDArray
 
 from eaves.model import BRIDGE_DECK, BUILDING, UNCLASSIFIED, WIRE, WIRE_TOWER
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
-from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, closed, curtain, curtains, fan, upright_box
-from eaves.simulate.objects.terrain import Corridor, Terrain
+from eaves.simulate.objects.surfaces import (
+    UP,
+    Corridor,
+    ScannedSurfaces,
+    Terrain,
+    closed,
+    curtain,
+    curtains,
+    fan,
+    upright_box,
+)
 
 FROM_EDGE = 0.6
 """The least distance of objects from the edge of a face (m)."""

@@ -15,8 +15,7 @@ from shapely.affinity import affine_transform, translate
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, Footprint, Integers, Labels, PointCloud, RoofPlane, Solid, Values
 from eaves.solids.coverage import coverage_of
-from eaves.solids.extrude import close_cells, split_crossings
-from eaves.solids.simplification import drop_straight_nodes
+from eaves.solids.extrude import close_cells, drop_straight_nodes, split_crossings
 from eaves.solids.soundness import find_defect
 
 Plane = tuple[float, float, float]
