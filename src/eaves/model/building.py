@@ -84,11 +84,11 @@ class Footprint:
         Identifier; empty until the building has one.
     score : float
         Confidence of the detector, 0 to 1.
+    attributes : dict
+        Further columns of the footprint.
     agreement : float or None
         Mean intersection over union, 0 to 1, with the outlines drawn through every second point of the
         boundary; None for an outline that was not drawn from points.
-    attributes : dict
-        Further columns of the footprint.
 
     Examples
     --------
