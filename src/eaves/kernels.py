@@ -55,9 +55,9 @@ class Kernel:
     def find(self, args: tuple[Any, ...]) -> Callable[..., Any]:
         """The compiled function for such arguments: the package's, if it has a fitting one, else numba's."""
         table = library()
-        found = table.get(f"{self.name}({', '.join(map(sort_of, args))})") if table else None
-        if found is not None and found[0] == self.fingerprint:
-            return found[1]
+        entry = table.get(f"{self.name}({', '.join(map(sort_of, args))})") if table else None
+        if entry is not None and entry[0] == self.fingerprint:
+            return entry[1]
         by_numba: Callable[..., Any] = self.dispatcher
         return by_numba
 
@@ -126,7 +126,7 @@ def library() -> dict[str, tuple[str, Callable[..., Any]]]:
     return table
 
 
-def add_code(digest: Any, code: CodeType, names: dict[str, Any], seen: set[str]) -> None:
+def add_code(digest: Any, code: CodeType, names: dict[str, Any], visited: set[str]) -> None:
     """Add code, the functions within it and the values of the global names it uses, each kernel once."""
     digest.update(code.co_code)
     digest.update(repr((code.co_names, code.co_varnames)).encode())
@@ -134,15 +134,15 @@ def add_code(digest: Any, code: CodeType, names: dict[str, Any], seen: set[str])
         if place == 0 and isinstance(constant, str):
             continue  # the docstring
         if isinstance(constant, CodeType):
-            add_code(digest, constant, names, seen)
+            add_code(digest, constant, names, visited)
         else:
             digest.update(repr(constant).encode())
     for name in code.co_names:
         value = names.get(name)
         if isinstance(value, Kernel):
-            if value.name not in seen:
-                seen.add(value.name)
-                add_code(digest, value.py_func.__code__, value.py_func.__globals__, seen)
+            if value.name not in visited:
+                visited.add(value.name)
+                add_code(digest, value.py_func.__code__, value.py_func.__globals__, visited)
         elif isinstance(value, np.ndarray):
             digest.update(value.tobytes())
         elif value is not None and not isinstance(value, ModuleType):

@@ -151,13 +151,19 @@ class Method(BaseModel):
         parameter = ".".join(map(str, first["loc"]))
         method = f"{cls.stage} method '{cls.name}'"
         if first["type"] == "extra_forbidden":
-            known = ", ".join(cls.model_fields) or "none"
-            near = get_close_matches(parameter, cls.model_fields, 1)
-            hint = f"did you mean '{near[0]}'? it has" if near else "it has"
-            return f"unknown parameter '{parameter}' of {method}; {hint}: {known}"
+            parameters = ", ".join(cls.model_fields) or "none"
+            nearest = get_close_matches(parameter, cls.model_fields, 1)
+            hint = f"did you mean '{nearest[0]}'? it has" if nearest else "it has"
+            return f"unknown parameter '{parameter}' of {method}; {hint}: {parameters}"
         rule = first["msg"][:1].lower() + first["msg"][1:]
         remedy = f"see `eaves methods {cls.stage}`"
         return f"parameter '{parameter}' of {method}: {rule}, not {first['input']!r}; {remedy}"
+
+    @property
+    def address(self) -> str:
+        """The name by which it can be made again (`resolve_method`): ours, or `module:Class`."""
+        cls = type(self)
+        return self.name if self.name in REGISTRY[self.stage] else f"{cls.__module__}:{cls.__qualname__}"
 
     @property
     def buffer(self) -> float:
@@ -177,9 +183,9 @@ class Method(BaseModel):
         values = {name: note["off"] for name, note in notes.items() if note["step"] is None}
         nested = {name: field.default for name, field in cls.model_fields.items()}
         values |= {
-            name: one.model_copy(update=one.published_values(paper))
-            for name, one in nested.items()
-            if paper and isinstance(one, Method)
+            name: method.model_copy(update=method.published_values(paper))
+            for name, method in nested.items()
+            if paper and isinstance(method, Method)
         }
         if paper in (None, cls.paper):
             values |= {name: note["published"] for name, note in notes.items() if note["printed_in"]}
@@ -194,11 +200,11 @@ class Method(BaseModel):
     @classmethod
     def steps(cls) -> dict[str, dict[str, Any]]:
         """Step of the paper, in its words → the parameters that leave it out, with their values."""
-        found: dict[str, dict[str, Any]] = {}
+        steps: dict[str, dict[str, Any]] = {}
         for name, note in cls.declared().items():
             if note["step"] is not None:
-                found.setdefault(note["step"], {})[name] = note["off"]
-        return found
+                steps.setdefault(note["step"], {})[name] = note["off"]
+        return steps
 
 
 DEFAULTS: dict[str, str] = {
@@ -372,21 +378,21 @@ def check_contract(stage: str, cls: type[Any]) -> None:
     """
     place, *functions = CONTRACTS[stage]
     contract = _imported(place)
-    words = f"{stage} method {getattr(cls, '__qualname__', cls)}"
+    method = f"{stage} method {getattr(cls, '__qualname__', cls)}"
     if not (isinstance(cls, type) and issubclass(cls, contract)):
-        raise ContractError(f"{words} must be a subclass of {contract.__name__}; see {place}")
+        raise ContractError(f"{method} must be a subclass of {contract.__name__}; see {place}")
     missing = [name for name in functions if getattr(cls, name) is getattr(contract, name)]
     if missing:
-        raise ContractError(f"{words} does not define {' and '.join(missing)}; see {place}")
+        raise ContractError(f"{method} does not define {' and '.join(missing)}; see {place}")
     if not isinstance(getattr(cls, "name", None), str):
-        raise ContractError(f'{words} has no name; give its class one: name = "{cls.__name__.lower()}"')
+        raise ContractError(f'{method} has no name; give its class one: name = "{cls.__name__.lower()}"')
     if cls.needs and stage not in ("ground", "detect"):
         raise ContractError(
-            f"{words} needs {', '.join(cls.needs)}, which only ground and detect methods are given"
+            f"{method} needs {', '.join(cls.needs)}, which only ground and detect methods are given"
         )
     ours = REGISTRY[stage].get(cls.name)
     if ours is not None and _imported(ours) is not cls:
-        raise ContractError(f"{words} has the name of another, '{cls.name}'; give it one of its own")
+        raise ContractError(f"{method} has the name of another, '{cls.name}'; give it one of its own")
 
 
 def _imported(place: str) -> Any:
@@ -425,44 +431,15 @@ def installed_methods(stage: str) -> dict[str, str]:
     >>> sorted(installed_methods("roof"))
     []
     """
-    found: dict[str, str] = {}
+    places: dict[str, str] = {}
     for point in entry_points(group=GROUP):
         of, _, name = point.name.partition(".")
-        if of == stage and found.setdefault(name, point.value) != point.value:
+        if of == stage and places.setdefault(name, point.value) != point.value:
             raise ValueError(
-                f"{stage} method {name!r} is in two packages, as {found[name]} and {point.value}; "
+                f"{stage} method {name!r} is in two packages, as {places[name]} and {point.value}; "
                 "write module:Class, or uninstall one"
             )
-    return found
-
-
-def name_of(method: Method) -> str:
-    """The name by which a method can be made again: ours, or `module:Class`.
-
-    Parameters
-    ----------
-    method : Method
-        The method.
-
-    Returns
-    -------
-    str
-        What `resolve_method` takes.
-
-    Raises
-    ------
-    AttributeError
-        When it has no name.
-
-    Examples
-    --------
-    >>> import eaves
-    >>> from eaves.methods import name_of
-    >>> name_of(eaves.Consensus())
-    'consensus'
-    """
-    cls = type(method)
-    return method.name if method.name in REGISTRY[method.stage] else f"{cls.__module__}:{cls.__qualname__}"
+    return places
 
 
 def method_class(stage: str, name: str) -> type[Method]:
@@ -495,16 +472,16 @@ def method_class(stage: str, name: str) -> type[Method]:
     >>> method_class("ground", "adaptive_tin").__name__
     'AdaptiveTin'
     """
-    known = REGISTRY.get(stage)
-    if known is None:
+    ours = REGISTRY.get(stage)
+    if ours is None:
         raise ValueError(f"unknown stage {stage!r}; choose one of: {', '.join(REGISTRY)}")
-    place = known.get(name) or (name if ":" in name else installed_methods(stage).get(name))
+    place = ours.get(name) or (name if ":" in name else installed_methods(stage).get(name))
     if place is None:
-        names = ", ".join({**known, **installed_methods(stage)})
+        names = ", ".join({**ours, **installed_methods(stage)})
         raise ValueError(f"unknown {stage} method {name!r}; choose one of: {names}")
-    found: type[Method] = _imported(place)
-    check_contract(stage, found)
-    return found
+    cls: type[Method] = _imported(place)
+    check_contract(stage, cls)
+    return cls
 
 
 MethodChoice = Method | str | Mapping[str, Any] | None
@@ -614,4 +591,4 @@ def _without_objects(value: Any) -> NDArray[Any]:
     array = np.asarray(value)
     if not array.dtype.hasobject:
         return array
-    return np.array([getattr(one, "wkt", None) or repr(one) for one in array.ravel()]).reshape(array.shape)
+    return np.array([getattr(item, "wkt", None) or repr(item) for item in array.ravel()]).reshape(array.shape)

@@ -72,7 +72,7 @@ def test_a_building_that_is_none_goes__and_no_other_line_changes(out: Path) -> N
     before, shapes = models(out), buildings(out)
     gone = next(iter(before))
     done = corrected(out, Edit(NO_BUILDING, shapes[gone], gone))
-    assert done.removed == (gone,)
+    assert done.corrected.removed == (gone,)
     after = models(out)
     assert set(after) == set(before) - {gone}
     assert all(after[name] == before[name] for name in after)
@@ -83,7 +83,7 @@ def test_verdicts_that_the_page_saved_are_honoured(out: Path) -> None:
     gone = next(iter(models(out)))
     table = out.parent / "verdicts.csv"
     table.write_text(f'id,verdict\r\n"{gone}","no building"\r\n', encoding="utf-8")
-    assert update(out, edits=table).removed == (gone,)
+    assert update(out, edits=table).corrected.removed == (gone,)
     table.write_text("id,verdict\nb0,no building\n", encoding="utf-8")
     with pytest.raises(InputError, match="row 1 names the building 'b0'"):
         update(out, edits=table)
@@ -136,7 +136,7 @@ def test_a_building_is_one_again_by_a_later_verdict__and_the_conflict_is_told(ou
     corrected(out, Edit(NO_BUILDING, shape, name))
     done = corrected(out, Edit(IS_BUILDING, shape, name))
     assert name in models(out)
-    assert any("later one holds" in told for told in done.conflicts)
+    assert any("later one holds" in told for told in done.corrected.conflicts)
 
 
 @pytest.mark.filterwarnings("ignore:'crs' was not provided")
@@ -147,8 +147,8 @@ def test_edits_made_in_the_layer_itself(out: Path) -> None:
     frame.loc[1, "geometry"] = frame.geometry[1].buffer(-0.5, join_style="mitre")
     pyogrio.write_dataframe(frame.drop(index=0), path, layer="footprints")
     done = update(out)
-    assert done.removed == (names[0],)
-    assert done.modelled == (names[1],)
+    assert done.corrected.removed == (names[0],)
+    assert done.corrected.modelled == (names[1],)
     kept_edits = {(edit.id, edit.verdict) for edit in read_edits(out / "edits.gpkg", LOCAL_METRES)}
     assert kept_edits == {(names[0], NO_BUILDING), (names[1], FOOTPRINT)}
     again = update(out)
@@ -168,7 +168,9 @@ def test_a_run_that_kept_nothing_is_edited__with_the_same_bytes(out: Path, tmp_p
         Edit(verdict, buildings(out)[name], name)
         for name, verdict in zip(names, (NO_BUILDING, FLAT_ROOF), strict=False)
     ]
-    assert corrected(out, *edits).removed == corrected(plain, *edits).removed == (names[0],)
+    assert (
+        corrected(out, *edits).corrected.removed == corrected(plain, *edits).corrected.removed == (names[0],)
+    )
     assert all((out / name).read_bytes() == (plain / name).read_bytes() for name in FILES)
     assert check_folder(plain) == []
     assert not (plain / ".eaves-work").exists()
@@ -215,7 +217,7 @@ def test_an_edit_that_gives_no_model_says_so_in_its_row(out: Path) -> None:
     west, south, _, _ = shapely.union_all(list(buildings(out).values())).bounds
     far = shapely.box(west - 900.0, south, west - 890.0, south + 10.0)
     done = corrected(out, Edit(IS_BUILDING, far, "far"))
-    assert [words.split(":")[0] for words in done.failed] == ["far"]
+    assert [words.split(":")[0] for words in done.corrected.failed] == ["far"]
     _, _, rows, _ = read_polygons(out / "footprints.gpkg", "footprints")
     reason = next(row["failure_reason"] for row in rows if row["id"] == "far")
     assert reason.endswith("(edit: is a building, verdicts.gpkg)")

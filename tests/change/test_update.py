@@ -244,7 +244,7 @@ def test_edits_are_kept__and_an_update_follows_an_update(epochs: Path, updated: 
     assert kept not in after
     assert {name for name in after if after[name] != before[name]} == set(done.versions.remodelled)
     again = update(epochs / "out3")
-    assert again.removed == (kept,)
+    assert again.corrected.removed == (kept,)
     assert lines_of(epochs / "out3" / "buildings.city.jsonl") == after
 
 

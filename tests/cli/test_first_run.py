@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from eaves.cli import app as cli
-from eaves.cli import first_run, progress
+from eaves.cli import progress
 from eaves.model.summary import Summary
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
@@ -60,16 +60,16 @@ def test_first_run_says_that_it_compiles_and_foresees_nothing(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert first_run.compiled_pieces() == 0
+    assert progress.compiled_pieces() == 0
     (tmp_path / "loop.nbc").touch()
     seen: list[tuple[str, int, int]] = []
     shown = threading.Event()
-    monkeypatch.setattr(first_run, "POLL_S", 0.01)
-    with first_run.compilation_shown(True, lambda *words: (seen.append(words), shown.set())):  # type: ignore[func-returns-value]
+    monkeypatch.setattr(progress, "POLL_S", 0.01)
+    with progress.compilation_shown(True, lambda *words: (seen.append(words), shown.set())):  # type: ignore[func-returns-value]
         assert shown.wait(10)
-    assert seen[0] == ("compiling", 1, first_run.LOOPS)
+    assert seen[0] == ("compiling", 1, progress.LOOPS)
     calls = (Path(__file__).parents[2] / "packaging" / "kernels.txt").read_text().splitlines()
-    assert abs(first_run.LOOPS - len(calls)) <= 0.2 * len(calls)
+    assert abs(progress.LOOPS - len(calls)) <= 0.2 * len(calls)
     clock = iter([0.0, 100.0, 101.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     remaining = progress.Remaining(compiling=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from tests.formats.test_remote import Server
 
-from eaves.cli.real_tile import SAINT_BARTHELEMY, RealTile, fetch_tile, run_real
+from eaves.cli.demo import SAINT_BARTHELEMY, RealTile, fetch_tile, run_real
 from eaves.formats import InputError
 
 

@@ -16,7 +16,7 @@ from tests.conftest import build_in_blocks
 from eaves.blocks.block import block_pass
 from eaves.blocks.block_file import BlockFile, block_arrays
 from eaves.figures.rows import BuildingRow
-from eaves.flow.review import LAYER, describe_doubts, doubt_rows, face_doubts
+from eaves.flow.review import LAYER, describe_doubts, distinct_doubts, doubt_row, face_doubts
 from eaves.formats.vectors.polygons import read_polygons
 from eaves.ground import classify_ground
 from eaves.model import Block
@@ -82,7 +82,7 @@ def test_doubts_are_told_in_all_files_and_once_also_by_tiles(cut_file: Path, tmp
 
 
 def test_a_run_without_doubts_says_nothing_of_them() -> None:
-    assert doubt_rows([], 240.0) == []
+    assert distinct_doubts([], 240.0) == []
     assert describe_doubts([], 1.0, LAYER)["count"] == 0
 
 
@@ -91,24 +91,22 @@ def test_what_two_blocks_doubt_is_told_once() -> None:
     same = Doubt(245.0, 100.0, 800.0, "a roof or not: score 0.40", "detect")
     other_kind = replace(same, reason="a building on the rim of the data")
     beside = replace(same, x=236.0)
-    found = doubt_rows([same, beside, large, other_kind], 240.0)
-    reasons = [row.attributes["reason"] for row in found]
-    assert reasons == [large.reason, beside.reason, other_kind.reason]
-    assert doubt_rows([large, other_kind, beside, same], 240.0)[0].geometry.equals(found[0].geometry)
+    assert distinct_doubts([same, beside, large, other_kind], 240.0) == [large, beside, other_kind]
+    assert distinct_doubts([large, other_kind, beside, same], 240.0) == [large, beside, other_kind]
 
 
 def test_places_are_in_the_unit_of_the_reference_system() -> None:
-    rows = doubt_rows([Doubt(304.8, 609.6, 100.0, "a terrace or a roof", "ground")], 240.0)
-    told = describe_doubts(rows, 0.3048, LAYER)
+    doubt = Doubt(304.8, 609.6, 100.0, "a terrace or a roof", "ground")
+    told = describe_doubts([doubt], 0.3048, LAYER)
     assert (told["largest"][0]["x"], told["largest"][0]["y"]) == (1000.0, 2000.0)
     assert told["by_stage"] == {"ground": 1}
-    assert rows[0].geometry is not None
-    assert rows[0].geometry.area == pytest.approx(100.0)
+    square = doubt_row(doubt).geometry
+    assert square is not None and square.area == pytest.approx(100.0)
 
 
 def test_without_a_file_that_tells_them_the_closing_lines_do(tmp_path: Path) -> None:
     doubt = Doubt(10.0, 20.0, 700.0, "a plateau", "ground")
-    told = describe_doubts(doubt_rows([doubt], 240.0), 1.0, "")
+    told = describe_doubts([doubt], 1.0, "")
     summary = Summary(tmp_path, 1, 0, 0, {}, {}, {}, {}, 1.0, (), run={"doubts": told})
     assert "doubts: 1, the largest at 10.0, 20.0: a plateau" in summary.as_text()
 
@@ -129,4 +127,4 @@ def test_a_large_face_that_its_points_do_not_support_is_a_doubt_and_a_small_one_
     assert scattered.reason == "a face whose points scatter: 30% of its points within 0.2 m, RMSE 0.61 m"
     assert (scattered.x, scattered.y, scattered.area_m2, scattered.stage) == (102.0, 202.0, 16.0, "roof")
     assert hole.reason == "a hole where a roof should be: 70% of its plan without points"
-    assert len(doubt_rows([scattered, hole], 240.0)) == 2
+    assert len(distinct_doubts([scattered, hole], 240.0)) == 2

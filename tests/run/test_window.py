@@ -57,7 +57,7 @@ def test_only_points_in_the_window_are_scattered(
     window, store = windows[name], Store(tmp_path)
     store.prepare()
     for part in file_slices(index_inputs([inputs[kind]], None, [])):
-        assert partition_slice(part, store, SIDE, window)[0].unread is None
+        assert partition_slice((part, ""), store, SIDE, window)[0].unread is None
     found = [store.read_points(block)["point_id"] for block in store.blocks(SIDE)]
     wanted = []
     for chunk in iter_chunks(open_source(inputs[kind])):

@@ -133,10 +133,10 @@ def see_regions(
     return BlockView(block, points.with_ground(ground), points.file, beneath, doubts, cropped_decks)
 
 
-def find_regions(seen: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
+def find_regions(view: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
     """Rasters and regions of a block, as `BlockFile` reads them."""
-    result = block_pass(seen.cloud, seen.block, parameters, seen.beneath, seen.doubts, seen.decks)
-    return block_arrays(result) | {"from_file": seen.file}
+    result = block_pass(view.cloud, view.block, parameters, view.beneath, view.doubts, view.decks)
+    return block_arrays(result) | {"from_file": view.file}
 
 
 def see_block(

@@ -158,9 +158,9 @@ def see_shown(
     return arrays | {SECONDS: packed({**seconds, "ground": float(ground[block][SECONDS])})}
 
 
-def show_block(seen: dict[str, NDArray[Any]], parameters: Any) -> dict[str, NDArray[Any]]:
+def show_block(arrays: dict[str, NDArray[Any]], parameters: Any) -> dict[str, NDArray[Any]]:
     """The arrays, as they are seen."""
-    return seen
+    return arrays
 
 
 class BlockFile:

@@ -16,8 +16,7 @@ from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud
 from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP, NOISE_CLASSES, UNCLASSIFIED
-from eaves.model.cloud import GROUND as GROUND_CLASS
+from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES, UNCLASSIFIED
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow
 from eaves.run.store import SECONDS
@@ -54,9 +53,9 @@ def see_points(block: Block, points: Mapping[Block, tuple[Records, bool]], param
     return block, records["xyz"]
 
 
-def find_floor(seen: tuple[Block, NDArray[np.int32]], parameters: Any) -> Floor:
+def find_floor(view: tuple[Block, NDArray[np.int32]], parameters: Any) -> Floor:
     """The floor of a block's points."""
-    block, quanta = seen
+    block, quanta = view
     floor = Floor.empty(stored_extent(quanta, block) or Bounds(*block.origin, *block.origin))
     floor.add(quanta, 1.0, [round(value / GRID_STEP) for value in block.origin])
     return floor
@@ -75,11 +74,11 @@ def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) ->
     return SquareFloor(square, floor)
 
 
-def find_large(seen: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
+def find_large(view: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
     """Patch of the large objects over the terrain in a square and around it, as far as decks need; empty for
     none."""
-    patch = None if seen.floor is None else parameters.ground.find_wide_objects(seen.floor)
-    return () if patch is None else (patch.cropped(seen.square.bounds.buffered(DECK_REACH)),)
+    patch = None if view.floor is None else parameters.ground.find_wide_objects(view.floor)
+    return () if patch is None else (patch.cropped(view.square.bounds.buffered(DECK_REACH)),)
 
 
 def see_decks(
@@ -91,9 +90,9 @@ def see_decks(
     return square, None if floor is None else look_around(floor, square.bounds, raised)
 
 
-def find_square_decks(seen: tuple[Block, tuple[Decks, Mask] | None], parameters: Any) -> tuple[Decks, ...]:
+def find_square_decks(view: tuple[Block, tuple[Decks, Mask] | None], parameters: Any) -> tuple[Decks, ...]:
     """The decks of bridges in a square."""
-    square, around = seen
+    square, around = view
     return () if around is None else (decks_of(*around, square.bounds),)
 
 
@@ -142,16 +141,16 @@ def see_ground(
     return GroundView(block, points.cloud, points.inside, objects)
 
 
-def classify_block(seen: GroundView, parameters: Any) -> dict[str, NDArray[Any]]:
+def classify_block(view: GroundView, parameters: Any) -> dict[str, NDArray[Any]]:
     """Classes and, where the filter finds them, parts of a block's points, in the order of its files."""
     clock = Clock()
-    core = Bounds(0.0, 0.0, seen.block.side, seen.block.side)
-    results = classify_inside(seen.cloud, core, seen.large, parameters)
+    core = Bounds(0.0, 0.0, view.block.side, view.block.side)
+    results = classify_inside(view.cloud, core, view.large, parameters)
     arrays: dict[str, NDArray[Any]] = {}
     for name, values in zip(("class", "part"), results, strict=True):
         if values is not None:
             arrays[name] = np.empty_like(values)
-            arrays[name][seen.number] = values
+            arrays[name][view.number] = values
     clock.lap("ground")
     return arrays | {SECONDS: np.array(clock.laps["ground"])}
 
@@ -173,8 +172,8 @@ def classify_inside(
 def with_ground_classes(cloud: PointCloud, numbers: tuple[int, ...]) -> PointCloud:
     """The cloud whose file means ground by these classes: they become 2, and a 2 that is none of them 1."""
     classes_of_file = cloud.classification
-    if classes_of_file is None or numbers == (GROUND_CLASS,):
+    if classes_of_file is None or numbers == (GROUND,):
         return cloud
-    classes = np.where(classes_of_file == GROUND_CLASS, np.uint8(UNCLASSIFIED), classes_of_file)
-    classes[np.isin(classes_of_file, numbers)] = GROUND_CLASS
+    classes = np.where(classes_of_file == GROUND, np.uint8(UNCLASSIFIED), classes_of_file)
+    classes[np.isin(classes_of_file, numbers)] = GROUND
     return cloud.with_(classification=classes)

@@ -39,7 +39,7 @@ def see_scans(
 
 
 def find_superseded(
-    seen: Mapping[Block, list[tuple[int, Records]]], parameters: Any
+    view: Mapping[Block, list[tuple[int, Records]]], parameters: Any
 ) -> dict[str, NDArray[np.int64]]:
     """The points of a block that are superseded: earlier points where later ones cover their place, but of
     two that agree the later one. Their ids (K,), ascending, and how many of the last scan's points came, and
@@ -47,15 +47,15 @@ def find_superseded(
 
     What is covered follows from the new points alone: not from the tiles they came in, nor from their order.
     """
-    block = next(iter(seen))
-    records = join_records([points for _, points in seen[block]])
-    number = np.concatenate([np.full(len(points), scan, np.int64) for scan, points in seen[block]])
+    block = next(iter(view))
+    records = join_records([points for _, points in view[block]])
+    number = np.concatenate([np.full(len(points), scan, np.int64) for scan, points in view[block]])
     stays = np.ones(len(records), bool)
     came = went = 0
     for first, end in pairwise((*parameters.generations, np.iinfo(np.int64).max)):
         old = np.flatnonzero(stays & (number < first))
         new = np.flatnonzero((number >= first) & (number < end))
-        covered = old[covers_place(seen, block, first, int(end), records[old])]
+        covered = old[covers_place(view, block, first, int(end), records[old])]
         same, again = pair_same(records[covered], records[new])
         stays[covered[~same]] = False
         stays[new[again]] = False

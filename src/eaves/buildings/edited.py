@@ -99,37 +99,37 @@ def see_orders(
     return GatheredOrders(unit.orders, found[owner], outlines, points)
 
 
-def model_orders(seen: GatheredOrders, parameters: Any) -> dict[str, NDArray[Any]]:
+def model_orders(view: GatheredOrders, parameters: Any) -> dict[str, NDArray[Any]]:
     """The buildings of a block after its orders, as the arrays of their file: each in the place of the one it
     is of, and behind them those that were not found."""
-    orders = {order.id: order for order in seen.orders}
+    orders = {order.id: order for order in view.orders}
     results: list[BuildingResult | SavedBuilding] = []
-    for saved in saved_buildings(seen.found) if seen.found else ():
+    for saved in saved_buildings(view.found) if view.found else ():
         order = orders.pop(str(saved.row.values["id"]), None)
         if order is None:
             results.append(saved)
         else:
-            results += model_order(order, seen, version_of(saved.result), parameters)
+            results += model_order(order, view, version_of(saved.result), parameters)
     for order in orders.values():
-        results += model_order(order, seen, {}, parameters)
+        results += model_order(order, view, {}, parameters)
     return building_arrays(results)
 
 
 def model_order(
-    order: Order, seen: GatheredOrders, version: Mapping[str, Any], parameters: Any
+    order: Order, view: GatheredOrders, version: Mapping[str, Any], parameters: Any
 ) -> Iterator[BuildingResult]:
     """The buildings that an order asks for, with the `version` of the building as it was found; an outline
     without an area gives none."""
     block = {"block_id": order.id} if len(order.outlines) > 1 else {}
     for name, _ in order.parts:
-        points = seen.points.get(name)
+        points = view.points.get(name)
         if points is None:
             continue
         if isinstance(points, Failure):
             result = BuildingResult.without_points(points)
         else:
             unit_m = parameters.system.horizontal_unit_m
-            result = try_building(points, seen.outlines[name], parameters, unit_m, order.flat)
+            result = try_building(points, view.outlines[name], parameters, unit_m, order.flat)
         outcome = result.outcome
         if isinstance(outcome, BuildingModel):
             attributes = {**order.attributes, **outcome.attributes, **block, **version}

@@ -201,17 +201,19 @@ def blocks_in(owner: Block, bounds: Bounds) -> list[Block]:
     return squares_touching(bounds.translated(*owner.origin), owner.side)
 
 
-def cells_of(seen: Raster) -> Points:
+def cells_of(ground: Raster) -> Points:
     """The centres (K, 2) of the cells that hold ground."""
-    rows, columns = np.nonzero(seen.values == 1)
-    return np.column_stack([seen.west + (columns + 0.5) * seen.cell, seen.north - (rows + 0.5) * seen.cell])
+    rows, columns = np.nonzero(ground.values == 1)
+    return np.column_stack(
+        [ground.west + (columns + 0.5) * ground.cell, ground.north - (rows + 0.5) * ground.cell]
+    )
 
 
-def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
+def is_seen_beside(polygon: Polygon, ground: Raster) -> bool:
     """True if ground was seen beside an outline and within `MARGIN` of it, off the cells that it touches."""
-    xy = cells_of(seen)
+    xy = cells_of(ground)
     xy = xy[Bounds(*polygon.bounds).buffered(MARGIN).contains(xy)]
-    wide, narrow = polygon.buffer(MARGIN), polygon.buffer(np.sqrt(2.0) * seen.cell)
+    wide, narrow = polygon.buffer(MARGIN), polygon.buffer(np.sqrt(2.0) * ground.cell)
     shapely.prepare([wide, narrow])
     xy = xy[~shapely.intersects_xy(narrow, *xy.T)]
     return bool(shapely.contains_xy(wide, *xy.T).any())

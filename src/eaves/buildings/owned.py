@@ -79,7 +79,7 @@ def see_buildings(
 
 
 def model_buildings(
-    seen: GatheredBuildings, earlier: Sequence[SavedBuilding] | None, parameters: Any
+    view: GatheredBuildings, earlier: Sequence[SavedBuilding] | None, parameters: Any
 ) -> dict[str, NDArray[Any]]:
     """Outlines, units, roofs and solids of the buildings of an owner block, as the arrays of their file.
 
@@ -87,14 +87,14 @@ def model_buildings(
     """
     unit_m = parameters.system.horizontal_unit_m
     before = {building.key: building for building in earlier or () if building.key}
-    failures = [building for building in seen.buildings if isinstance(building, Failure)]
-    detected = [building for building in seen.buildings if not isinstance(building, Failure)]
+    failures = [building for building in view.buildings if isinstance(building, Failure)]
+    detected = [building for building in view.buildings if not isinstance(building, Failure)]
     clock = Clock()
     buildings = [part for building in detected for part in divide_parts(building, parameters.outline)]
     footprints = draw_all(buildings, parameters)
     buildings = [replace(building, others=None) for building in buildings]
     clock.lap("outline")
-    buildings, footprints = split_buildings(buildings, footprints, seen.addresses, parameters.units)
+    buildings, footprints = split_buildings(buildings, footprints, view.addresses, parameters.units)
     clock.lap("units")
     keys = [key_of(building, shape) for building, shape in zip(buildings, footprints, strict=True)]
     todo = [number for number, key in enumerate(keys) if key not in before]
@@ -249,8 +249,8 @@ def building_pass(
 
     rng = np.random.default_rng(int(key_of(points), 16))  # by its points: nothing else changes its roof
     planes = [level_plane(points)] if flat else segment_roof(points, building.spacing, recipe.roof, rng=rng)
-    for number, found in enumerate(planes, 1):
-        plane[roof[found.members]] = number
+    for number, segment in enumerate(planes, 1):
+        plane[roof[segment.members]] = number
     clock.lap("roof")
 
     base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
@@ -438,9 +438,9 @@ def find_doubtful(results: Sequence[BuildingResult], finest: str, unit_m: float)
         if isinstance(result.outcome, BuildingModel)
     ]
     odd = {number for number, model in models if not model.solids or max(model.solids) > finest}
-    rest = [(number, model) for number, model in models if number not in odd]
-    bad = find_invalid([different_levels(model) for _, model in rest], limits_in(unit_m))
-    return sorted(odd | {rest[place][0] for place in bad})
+    solid_models = [(number, model) for number, model in models if number not in odd]
+    bad = find_invalid([different_levels(model) for _, model in solid_models], limits_in(unit_m))
+    return sorted(odd | {solid_models[place][0] for place in bad})
 
 
 def broken_result(building: BuildingPoints, error: Exception) -> BuildingResult:

@@ -19,7 +19,7 @@ from eaves.flow.run import open_run
 from eaves.flow.step import Region
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
-from eaves.formats.points.classified import is_classified
+from eaves.formats.inputs import is_classified
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
 from eaves.run.manifest import MANIFEST, read_facts, read_manifest
 from eaves.run.points import load_window

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.detect.toolkit.cells import Cells
 from eaves.geometry.planes import local_planes
 from eaves.kernels import kernel
 from eaves.model import Integers, Mask, Points, Values
@@ -50,26 +51,19 @@ def point_planes(xyz: Points) -> tuple[NDArray[np.float64], Values]:
     return np.where(steep[:, None], 0.0, slope), np.where(steep, np.nan, rough)
 
 
-Cells = tuple[Values, Integers, Integers, Integers]
-"""Points by square cells of plan: the corner (2,) that these count from, their rows and columns (2,), the
-first place of each cell, row by row, and the point (N,) at each place."""
-
-
-def cells_of(xyz: Points, side: float) -> Cells:
-    """Points (N, 3) by cells of a `side` (m)."""
-    corner = xyz[:, :2].min(axis=0, initial=0.0)
-    column, row = np.floor((xyz[:, :2] - corner) / side).astype(np.int64).T
-    shape = np.array([row.max(initial=-1), column.max(initial=-1)]) + 1
-    cell = row * shape[1] + column
-    order = np.argsort(cell, kind="stable")
-    return corner, shape, np.searchsorted(cell[order], np.arange(shape.prod() + 1)), order
-
-
 @kernel
-def pairs_kernel(xyz: Points, others: Points, radius: float, cells: Cells) -> tuple[Integers, Integers]:
+def pairs_kernel(
+    xyz: Points,
+    others: Points,
+    radius: float,
+    corner: tuple[float, float],
+    shape: tuple[int, int],
+    order: Integers,
+    first: Integers,
+) -> tuple[Integers, Integers]:
     """The numbers (P,) of points (N, 3) and (P,) of others within a `radius` (m) of them in plan, the points
-    in order; `cells`, as wide, are those of the others."""
-    corner, shape, first, order = cells
+    in order; cells of the others, as wide: their north-western corner, rows and columns, order and starts, as
+    `Cells` has them."""
     reach = radius + ROUNDING
     point, other = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
     count = 0
@@ -77,9 +71,9 @@ def pairs_kernel(xyz: Points, others: Points, radius: float, cells: Cells) -> tu
         x, y = xyz[number, 0], xyz[number, 1]
         west = min(max(int(np.floor((x - reach - corner[0]) / radius)), 0), shape[1])
         east = max(min(int(np.floor((x + reach - corner[0]) / radius)) + 1, shape[1]), west)
-        south = max(int(np.floor((y - reach - corner[1]) / radius)), 0)
-        north = min(int(np.floor((y + reach - corner[1]) / radius)), shape[0] - 1)
-        for row in range(south, north + 1):
+        north = max(int(np.floor((corner[1] - y - reach) / radius)), 0)
+        south = min(int(np.floor((corner[1] - y + reach) / radius)) + 1, shape[0])
+        for row in range(north, south):
             start, end = first[row * shape[1] + west], first[row * shape[1] + east]
             while count + end - start > len(point):
                 point, other = np.append(point, point), np.append(other, other)
@@ -97,7 +91,8 @@ def pairs_within(
     """Pairs (P,) of roof points (N, 3) on planes with slopes (N, 2) and points of the other epoch within a
     `radius` (m) in plan: the numbers of both, the ways from the one to the other (P, 2) and how far the other
     lies over the plane (m); the `cells` are those of the others."""
-    point, other = pairs_kernel(xyz, others, radius, cells)
+    corner = cells.west, cells.north
+    point, other = pairs_kernel(xyz, others, radius, corner, cells.shape, cells.order, cells.start)
     return point, other, *ways_kernel(xyz, slope, others, point, other)
 
 
@@ -126,8 +121,10 @@ def face_points(
     """The state (N,) that points of another epoch (M, 3) with classes show within `radius` (m) of roof points
     (N, 3), and how far what they show lies over these (m)."""
     state, distance = np.full(len(xyz), UNSEEN, np.uint8), np.full(len(xyz), np.nan)
-    cells = cells_of(others, radius)
-    for first in range(0, len(xyz) if len(others) else 0, AT_ONCE):
+    if not len(others):
+        return state, distance
+    cells = Cells.of(others, radius, 0)
+    for first in range(0, len(xyz), AT_ONCE):
         some = slice(first, first + AT_ONCE)
         point, other, way, over = pairs_within(xyz[some], slope[some], others, radius, cells)
         limit = tolerance * np.sqrt(1.0 + (slope[some] ** 2).sum(axis=1))
@@ -226,7 +223,7 @@ def nearest_distances(
     """Distance (N,) of the other epoch's surface over roof points: of the nearest in plan of those no
     farther than `most` (m) from the plane; NaN where there is none."""
     distance = np.full(len(xyz), np.nan)
-    point, _, way, over = pairs_within(xyz, slope, others, radius, cells_of(others, radius))
+    point, _, way, over = pairs_within(xyz, slope, others, radius, Cells.of(others, radius, 0))
     on = np.flatnonzero(np.abs(over) <= most)
     point, over, square = point[on], over[on], (way[on] ** 2).sum(axis=1)
     least = np.full(len(xyz), np.inf)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
-from eaves.cli.compute import build, detect, ground, info, reconstruct
-from eaves.cli.help import PanelledCommand
-from eaves.cli.options import with_signature
-from eaves.cli.results import evaluate, export, solar, validate, view
+from eaves.cli.options import PanelledCommand, with_signature
 from eaves.cli.runs import (
     COMPLETE,
     INTERRUPTED,
@@ -24,8 +22,6 @@ from eaves.cli.runs import (
     report_aborts,
     report_error,
 )
-from eaves.cli.scenes import demo, simulate
-from eaves.cli.time import compare, update
 from eaves.run.memory import collect_rarely
 
 
@@ -65,14 +61,22 @@ def methods(
         typer.echo(line)
 
 
-COMMANDS = (
-    *(build, info, compare, update, validate, evaluate, view, export, solar),
-    *(ground, detect, reconstruct, simulate, methods, doctor, demo),
-)
+COMMANDS = {
+    **{"build": "compute", "info": "compute", "compare": "time", "update": "time"},
+    **dict.fromkeys(("validate", "evaluate", "view", "export", "solar"), "results"),
+    **dict.fromkeys(("ground", "detect", "reconstruct"), "compute"),
+    **{"simulate": "scenes", "methods": "app", "doctor": "app", "demo": "scenes"},
+}
+"""Command → the module of this folder that holds it; only those asked for are imported."""
 
 
-def make_app(commands: Iterable[Callable[..., None]] = COMMANDS) -> typer.Typer:
-    """The application of some commands."""
+def commands_of(names: Iterable[str]) -> list[Callable[..., None]]:
+    """The functions of commands."""
+    return [getattr(import_module(f"eaves.cli.{COMMANDS[name]}"), name) for name in names]
+
+
+def make_app(commands: Sequence[Callable[..., None]] = ()) -> typer.Typer:
+    """The application of some commands, by default of all."""
     made = typer.Typer(
         name="eaves",
         help="From raw airborne LiDAR to building footprints and valid 3D buildings.",
@@ -81,7 +85,7 @@ def make_app(commands: Iterable[Callable[..., None]] = COMMANDS) -> typer.Typer:
         rich_markup_mode=None,
     )
     made.callback()(first)
-    for command in commands:
+    for command in commands or commands_of(COMMANDS):
         made.command(cls=PanelledCommand)(with_signature(command))
     return made
 
@@ -102,12 +106,12 @@ def main() -> None:
     collect_rarely()
     # matrices here are small: a second thread of BLAS only waits, and each process would have its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    asked: list[Callable[..., None]] = [command for command in COMMANDS if command.__name__ in sys.argv[1:2]]
+    asked = commands_of(name for name in COMMANDS if name in sys.argv[1:2])
     if not asked and "_EAVES_COMPLETE" not in os.environ:
-        asked = [without_options(command) for command in COMMANDS]
+        asked = [without_options(command) for command in commands_of(COMMANDS)]
     with count_interrupts() as interrupts:
         try:
-            status = make_app(asked or COMMANDS)(standalone_mode=False) or COMPLETE
+            status = make_app(asked)(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code
         except (KeyboardInterrupt, typer.Abort) as end:  # typer takes a file's end for Ctrl-C, too

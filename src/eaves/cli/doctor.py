@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from eaves.cli.first_run import compiled_pieces
+from eaves.cli.progress import compiled_pieces
 from eaves.kernels import library
 from eaves.run.memory import physical_memory
 

@@ -1,5 +1,5 @@
 """The options of the commands: those of a run as `eaves.run.options` declares them, and what only a command
-line has."""
+line has; and the help that lists them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
 if TYPE_CHECKING:
     from eaves.run.options import Declared
@@ -195,3 +196,32 @@ def parse_numbers(text: str, kind: type, refusal: str, count: int | None = None)
     if count is not None and len(numbers) != count:
         raise ValueError(refusal)
     return numbers
+
+
+PANELS = ("input", "methods", "output", "run", "expert")
+"""The headings, in their order."""
+
+
+class PanelledCommand(TyperCommand):
+    """A command whose help lists the options that most need first, and experts' last."""
+
+    def __init__(self, *args: Any, **words: Any) -> None:
+        text = inspect.cleandoc(words.get("help") or "")
+        words["help"] = re.sub(r"\n\n(?=  )", "\n\n\b\n", text)  # \b: lines stay lines
+        super().__init__(*args, **words)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments, then options by heading; all under one where none is an expert's."""
+        panels: dict[str, list[tuple[str, str]]] = {"arguments": [], **{name: [] for name in PANELS}}
+        shown = [(one, one.get_help_record(ctx)) for one in self.get_params(ctx)]
+        large = any(getattr(one, "rich_help_panel", None) == PANELS[-1] for one, _ in shown)
+        for one, record in shown:
+            panel = getattr(one, "rich_help_panel", None) if large else None
+            if one.param_type_name == "argument":
+                panel = "arguments"
+            if record is not None:
+                panels.setdefault(panel or "options", []).append(record)
+        for name, records in panels.items():
+            if records:
+                with formatter.section(name.capitalize()):
+                    formatter.write_dl(records)

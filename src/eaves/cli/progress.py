@@ -1,11 +1,15 @@
-"""Progress of long work: bars on a terminal, plain lines in a log."""
+"""Progress of long work: bars on a terminal, plain lines in a log; in a first run from the sources, which
+compiles what a wheel brings compiled, also that of compiling."""
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 Show = Callable[[str, int, int], None]
 SECONDS_BETWEEN_LINES = 10.0
@@ -18,6 +22,10 @@ LEAST_SHARE, LEAST_S = 0.1, 3.0
 """Before so much of a run, or so many seconds, the time that is left is guesswork: loading and reading, which
 cost the same whatever comes, have been most of it."""
 TILE_SHARES = {"tiles": 0.93, "write": 0.07}
+
+LOOPS = 104
+"""Compiled loops that the default methods call with the sorts of arguments of most data: about that many."""
+POLL_S = 5.0
 
 
 class Remaining:
@@ -103,3 +111,29 @@ def bars(compiling: bool = False) -> Iterator[Show]:
             display.update(tasks[stage], completed=done, total=total, left="" if done >= total else left)
 
         yield show
+
+
+def compiled_pieces() -> int:
+    """The number of loops that numba keeps compiled for eaves: none before the first run."""
+    import eaves
+
+    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
+    return sum(1 for _ in Path(place).rglob("*.nbc"))
+
+
+@contextmanager
+def compilation_shown(wanted: bool, show: Callable[[str, int, int], None]) -> Iterator[None]:
+    """If it is wanted, progress shows how many loops are compiled."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(POLL_S) and (done := compiled_pieces()) < LOOPS:
+            show("compiling", done, LOOPS)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    if wanted:
+        watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()

@@ -285,7 +285,7 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
 @contextmanager
 def run_display(quiet: bool) -> Iterator[Any]:
     """The progress of a run; in a first run also that of compiling."""
-    from eaves.cli.first_run import compilation_shown, compiled_pieces
+    from eaves.cli.progress import compilation_shown, compiled_pieces
     from eaves.kernels import library
 
     compiling = not library() and not compiled_pieces()

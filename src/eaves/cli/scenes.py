@@ -77,8 +77,7 @@ def demo(
     verbose: Verbose = False,
 ) -> None:
     """Build a simulated town and evaluate it against its truth."""
-    from eaves.cli.demo import run_demo
-    from eaves.cli.real_tile import run_real
+    from eaves.cli.demo import run_demo, run_real
 
     start_log(quiet, verbose)
     status = run_real(out) if real else None

@@ -106,8 +106,8 @@ def update(
     if not quiet:
         typer.echo(done.as_text())
         typer.echo(f"results in {out or folder}")
-    for line in (*done.conflicts, *done.failed) if quiet else ():
+    for line in (*done.corrected.conflicts, *done.corrected.failed) if quiet else ():
         typer.echo(line, err=True)
     for reason in done.summary.failed:
         typer.echo(f"incomplete: {reason}", err=True)
-    raise typer.Exit(COMPLETE if done.summary.complete and not done.failed else INCOMPLETE)
+    raise typer.Exit(COMPLETE if done.summary.complete and not done.corrected.failed else INCOMPLETE)

@@ -109,9 +109,30 @@ class ScanFacts:
 
     def remarks(self) -> list[str]:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
-        found = [
-            *self._of_returns(),
-            *self._of_heights(),
+        shape = "crowns and roofs are separated by shape alone"
+        checks = [
+            (
+                self.returns in (NO_RETURNS, SINGLE) and not self.pulses,
+                "no pulses (no returns, times, angles or strips), as from image matching: ground under trees "
+                f"is not seen, and {shape}",
+            ),
+            (self.returns == NO_RETURNS and self.pulses, f"no return numbers: {shape}"),
+            (self.returns == SINGLE and self.pulses, f"0 % of pulses split: {shape}"),
+            (self.returns == LAST, "last returns only: tops of crowns and edges of roofs are missing"),
+            (
+                self.returns == FIRST,
+                "first returns only: ground under trees is missing, and may be taken too high",
+            ),
+            (
+                self.at_zero >= MOST,
+                f"the ground is at 0 in {self.at_zero:.0%} of the area: heights above ground, or flat land "
+                "at sea level; if the first, heights of the results are no elevations",
+            ),
+            (
+                self.below > 0,
+                f"{self.below:,} points more than {CELL:g} m below the ground, down to {self.deepest:.0f} m: "
+                "noise, which the ground filter leaves out",
+            ),
             (not self.intensity, "no intensities: no method needs them"),
             (
                 self.strips == 1 and self.pulses,
@@ -133,38 +154,7 @@ class ScanFacts:
                 "as clipped to footprints: without ground beside them, heights of buildings are uncertain",
             ),
         ]
-        return [text for said, text in found if said]
-
-    def _of_returns(self) -> list[tuple[bool, str]]:
-        shape = "crowns and roofs are separated by shape alone"
-        return [
-            (
-                self.returns in (NO_RETURNS, SINGLE) and not self.pulses,
-                "no pulses (no returns, times, angles or strips), as from image matching: ground under trees "
-                f"is not seen, and {shape}",
-            ),
-            (self.returns == NO_RETURNS and self.pulses, f"no return numbers: {shape}"),
-            (self.returns == SINGLE and self.pulses, f"0 % of pulses split: {shape}"),
-            (self.returns == LAST, "last returns only: tops of crowns and edges of roofs are missing"),
-            (
-                self.returns == FIRST,
-                "first returns only: ground under trees is missing, and may be taken too high",
-            ),
-        ]
-
-    def _of_heights(self) -> list[tuple[bool, str]]:
-        return [
-            (
-                self.at_zero >= MOST,
-                f"the ground is at 0 in {self.at_zero:.0%} of the area: heights above ground, or flat land "
-                "at sea level; if the first, heights of the results are no elevations",
-            ),
-            (
-                self.below > 0,
-                f"{self.below:,} points more than {CELL:g} m below the ground, down to {self.deepest:.0f} m: "
-                "noise, which the ground filter leaves out",
-            ),
-        ]
+        return [text for said, text in checks if said]
 
     def as_json(self) -> dict[str, Any]:
         """The figures and the remarks, as JSON."""
@@ -212,7 +202,7 @@ def scan_facts(index: Index) -> ScanFacts:
         The figures; they follow from the inputs alone.
     """
     sample = _take_sample(index)
-    whole = sample.read == index.points
+    complete = sample.read == index.points
     west, south, east, north = index.entries["box"][index.entries["count"] > 0].T
     area: float = ((east - west) * (north - south)).sum()
     void = pieces = piece = None
@@ -220,7 +210,7 @@ def scan_facts(index: Index) -> ScanFacts:
     if len(sample.xyz):
         cover = _cover(sample.xyz)
         below, deepest, at_zero, roofs = _heights(sample.xyz, cover[0])
-        if whole:
+        if complete:
             area, void, pieces, piece = cover
     density = index.points / area if area > 0 else 0.0
     first = sample.number <= 1

@@ -6,10 +6,11 @@ Each writer is fetched when it is asked for: most runs want none of them.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from shapely import LineString
@@ -17,8 +18,8 @@ from shapely import LineString
 from eaves import formats
 from eaves.formats import InputError, read_polygons
 from eaves.formats.errors import EXTRAS, require_extra
+from eaves.formats.inputs import is_classified
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
-from eaves.formats.points.classified import is_classified
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.formats.vectors.polygons import read_upright
 from eaves.model import BuildingModel, CoordinateSystem, Failure
@@ -165,8 +166,8 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         table.name: (FOOTPRINT_FILES, table.exists()),
         "classified points": ((COPC,), points),
     }
-    for file, (choices, there) in sources_of.items():
-        if not set(names).isdisjoint(choices) and not there:
+    for file, (choices, exists) in sources_of.items():
+        if not set(names).isdisjoint(choices) and not exists:
             raise InputError.about(folder, f"holds no {file}", "build again with that output")
     planned = files_of_formats(names)
     in_the_way = (path for path, _ in work_of_persons(folder, planned))
@@ -178,8 +179,13 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         assert system_of_models is not None
         few = sum(path.stat().st_size for path in sources) <= HELD_BYTES
         models = list(models_of(sources)) if few else []
-        written += export_models(
-            folder, lambda: iter(models or models_of(sources)), system_of_models, names, made_from
+        written += export_table(
+            folder,
+            MODEL_FILES,
+            lambda: iter(models or models_of(sources)),
+            system_of_models,
+            names,
+            made_from,
         )
     if set(names) & FOOTPRINT_FILES.keys():
         shapes, _, values, system = read_polygons(table, layer="footprints", keep_all=True)
@@ -234,12 +240,30 @@ def export_footprints(
     provenance: Provenance,
 ) -> list[Path]:
     """Write the footprints, and the roof planes, in the formats named; the files written."""
+    tables = ((FOOTPRINT_FILES, rows), (ROOF_FILES, roofs))
+    files = (
+        export_table(folder, table, partial(in_order, layer), system, names, provenance)
+        for table, layer in tables
+    )
+    return list(chain.from_iterable(files))
+
+
+def export_table(
+    folder: Path,
+    table: Mapping[str, tuple[Callable[[], Writer], str]],
+    content: Callable[[], Iterable[Any]],
+    system: CoordinateSystem,
+    names: Sequence[str],
+    provenance: Provenance,
+) -> list[Path]:
+    """Write a content, made anew for each, in those formats of a table that are named; the files written, for
+    3D Tiles the tileset."""
     written = []
-    for files, which in ((FOOTPRINT_FILES, rows), (ROOF_FILES, roofs)):
-        for name, (writer, file) in files.items():
-            if name in names:
-                writer()(folder / file, [in_order(row) for row in which], system, provenance=provenance)
-                written.append(folder / file)
+    for name, (writer, file) in table.items():
+        if name in names:
+            writer()(folder / file, content(), system, provenance=provenance)
+            written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
+            written += [folder / "buildings.mtl"] if name == "obj" else []
     return written
 
 
@@ -253,27 +277,11 @@ def export_points(files: Iterable[Path], system: CoordinateSystem | None, names:
     return [copy for path, copy in pairs if write_copc(path, copy, system)]
 
 
-def in_order(row: Row) -> Row:
-    """A row with the columns of all layers in the order of their declaration, others behind them."""
-    attributes = row.attributes
-    return Row(
-        row.geometry,
-        {name: attributes[name] for name in chain(*LAYERS.values()) if name in attributes} | dict(attributes),
-    )
-
-
-def export_models(
-    folder: Path,
-    models: Callable[[], Iterator[BuildingModel | Failure]],
-    system: CoordinateSystem,
-    names: Sequence[str],
-    provenance: Provenance,
-) -> list[Path]:
-    """Write the models, streamed anew for every format named; the files written, for 3D Tiles the tileset."""
-    written = []
-    for name, (writer, file) in MODEL_FILES.items():
-        if name in names:
-            writer()(folder / file, models(), system, provenance=provenance)
-            written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
-            written += [folder / "buildings.mtl"] if name == "obj" else []
-    return written
+def in_order(rows: Iterable[Row]) -> list[Row]:
+    """Rows with the columns of all layers in the order of their declaration, others behind them."""
+    declared = list(chain(*LAYERS.values()))
+    attributes = ((row.geometry, dict(row.attributes)) for row in rows)
+    return [
+        Row(geometry, {name: values[name] for name in declared if name in values} | values)
+        for geometry, values in attributes
+    ]

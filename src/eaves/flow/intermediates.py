@@ -114,7 +114,7 @@ def block_steps(run: Run, view: BlockView, wide: WideObjects | None) -> StepMaps
     """The map of each step of one block, by stage and name, and its models, about the origin of the block; of
     all that decides its regions, and the large objects near it."""
     recipe = run.recipe
-    scene, seen, _ = see_block(view.cloud, view.block, recipe, view.beneath, view.decks)
+    scene, on_decks, _ = see_block(view.cloud, view.block, recipe, view.beneath, view.decks)
     xyz, side = scene.cloud.xyz, side_near(max(LEAST_CELL_M, CELL_SPACINGS * scene.spacing))
     source = run.options["source"]
     stages = REGISTRY if source is None else find_source(source).methods
@@ -126,7 +126,7 @@ def block_steps(run: Run, view: BlockView, wide: WideObjects | None) -> StepMaps
         return maps
     area, height = recipe.smallest
     keep = maps.of("detect", xyz)
-    regions = detect_buildings(seen, recipe.detect, min_area=area, min_height=height, debug=keep)
+    regions = detect_buildings(on_decks, recipe.detect, min_area=area, min_height=height, debug=keep)
     maps.of("detect", xyz)("regions", regions.label)
     order = np.argsort(regions.label, kind="stable")
     for points in np.split(order, np.flatnonzero(np.diff(regions.label[order])) + 1):
@@ -182,10 +182,14 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
     figure = Figure((PANEL_INCHES * COLUMNS, height * rows), layout="constrained")
     for number, (title, raster) in enumerate(steps.maps.items(), 1):
         panel, values = figure.add_subplot(rows, COLUMNS, number), raster.values
-        some = values[finite[title]]
-        labels = len(some) > 0 and bool((some == np.round(some)).all()) and some.min() >= 0
+        finite_values = values[finite[title]]
+        labels = (
+            len(finite_values) > 0
+            and bool((finite_values == np.round(finite_values)).all())
+            and finite_values.min() >= 0
+        )
         shown = np.where(values > 0, values * 7 % 20, np.nan) if labels else values
-        low, high = np.percentile(some, [2, 98]) if len(some) and not labels else (0, 20)
+        low, high = np.percentile(finite_values, [2, 98]) if len(finite_values) and not labels else (0, 20)
         image = panel.imshow(
             shown,
             "tab20" if labels else "viridis",
@@ -194,7 +198,7 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
             interpolation="nearest",
             extent=(raster.west, raster.bounds.east, raster.bounds.south, raster.north),
         )
-        numbers = len(np.unique(some[some > 0]))
+        numbers = len(np.unique(finite_values[finite_values > 0]))
         if labels:
             legend = f"{numbers} numbers, a colour each" if numbers > 1 else "marked" if numbers else "none"
             panel.legend(handles=[Patch(color=image.cmap(7), label=legend)], fontsize=5, loc="lower right")
@@ -207,9 +211,9 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
     figure.savefig(path, dpi=DOTS_AN_INCH, metadata={"Software": None})
 
 
-def box_of(raster: Raster, known: Any) -> tuple[float, float, float, float]:
+def box_of(raster: Raster, filled: Any) -> tuple[float, float, float, float]:
     """West, east, south and north end of the cells (H, W) that are known."""
-    row, column = np.nonzero(known)
+    row, column = np.nonzero(filled)
     west, north = raster.west + raster.cell * column.min(), raster.north - raster.cell * row.min()
     east, south = raster.west + raster.cell * (column.max() + 1), raster.north - raster.cell * (row.max() + 1)
     return west, east, south, north

@@ -19,12 +19,13 @@ from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
 from eaves.figures.party_walls import PARTY_GAP, Walls, envelope_figures, wall_figures
 from eaves.figures.trust import judge
-from eaves.flow.exports import export_footprints, export_models, export_points
+from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table
 from eaves.flow.review import (
     LAYER,
     REVIEW,
     describe_doubts,
-    doubt_rows,
+    distinct_doubts,
+    doubt_row,
     face_doubts,
     review_rows,
     write_review,
@@ -105,11 +106,11 @@ class RunResults:
 
 
 def finished_models(
-    kept: Kept, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
+    buildings: Kept, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
 ) -> Iterator[BuildingModel | Failure]:
     """The models and failures of the `owners`, the models with their party walls, `shared` where known."""
-    walls = iter(party_walls(kept, owners) if shared is None else shared)
-    for outcome in kept.answers(owners):
+    walls = iter(party_walls(buildings, owners) if shared is None else shared)
+    for outcome in buildings.answers(owners):
         yield with_walls(outcome, next(walls, None))
 
 
@@ -139,11 +140,11 @@ def write_output(
 ) -> tuple[list[Path], PointSink | None]:
     """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
     # imports are late where libraries come with them that other outputs do without
-    run, kept, owners = results.run, results.kept, results.owners
+    run, buildings, owners = results.run, results.kept, results.owners
     folder, system, made_from = run.folder, run.index.system, run.provenance
     if step == "footprints":
-        files, rows = [folder / "footprints.gpkg"], BuildingRows(kept, owners, results.shared)
-        roofs, review = BuildingRows(kept, owners, faces=True), review_rows(kept.rows(owners))
+        files, rows = [folder / "footprints.gpkg"], BuildingRows(buildings, owners, results.shared)
+        roofs, review = BuildingRows(buildings, owners, faces=True), review_rows(buildings.rows(owners))
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
         files.append(write_review(folder / REVIEW, review, system))
         return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
@@ -151,11 +152,12 @@ def write_output(
         files = [folder / "buildings.city.jsonl"]
         outcomes = results.answers()
         write_cityjson_seq(files[0], outcomes, system, provenance=made_from, translate=run.translate)
-        return files + export_models(folder, results.answers, system, run.options["formats"], made_from), None
+        formats = run.options["formats"]
+        return files + export_table(folder, MODEL_FILES, results.answers, system, formats, made_from), None
     if step == "mask":
         from eaves.flow.rasters import write_run_mask
 
-        polygons = [row.polygon for row in kept.rows(owners)]
+        polygons = [row.polygon for row in buildings.rows(owners)]
         return write_run_mask(run, list(results.regions), polygons, results.extent), None
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
@@ -167,7 +169,7 @@ def write_output(
         return write_steps(run, list(results.regions), results.see), None
     from eaves.flow.classified_points import write_points
 
-    files = write_points(run, kept, results.regions, owners, sink, results.copies)
+    files = write_points(run, buildings, results.regions, owners, sink, results.copies)
     return files + export_points(files, system, run.options["formats"]), sink
 
 
@@ -190,7 +192,7 @@ def write_outputs(
     clock.lap("party walls")
     metadata = read_metadata(region)
     places = (doubt for block in metadata for doubt in block.doubts)
-    doubts = doubt_rows(chain(places, face_doubts(kept.rows(owners))), run.side)
+    doubts = distinct_doubts(chain(places, face_doubts(kept.rows(owners))), run.side)
     blocks = [block.block for block in metadata]
     results = RunResults(
         run,
@@ -199,7 +201,7 @@ def write_outputs(
         owners,
         block_extent(metadata),
         shared,
-        doubts,
+        list(map(doubt_row, doubts)),
         copies or {},
     )
     if sink is not None:
@@ -213,22 +215,25 @@ def write_outputs(
     order = sorted(steps, key=LONGEST_FIRST.index)
     work = partial(write_output, results=results, sink=sink)
     clock.lap("summary")
+
+    def finish(step: str, files: list[Path]) -> None:
+        written[step] = files
+        note(run, files)
+        progress("write", len(written), len(steps))
+
     for outcome in workers.run(work, order) if workers.started else ():
         region.peak = max(region.peak, outcome.peak_mb)
         region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
         if outcome.answer is not None:
-            written[order[outcome.index]], filled = outcome.answer
+            files, filled = outcome.answer
             if sink is not None and filled is not None:
                 sink.take_from(filled)
-            note(run, written[order[outcome.index]])
-            progress("write", len(written), len(steps))
+            finish(order[outcome.index], files)
     clock.skip()
     for step in steps:
         if step not in written:  # what failed in another process is tried here, where its error can be raised
-            written[step] = write_output(step, results, sink)[0]
+            finish(step, write_output(step, results, sink)[0])
             clock.lap(f"write {step}")
-            note(run, written[step])
-            progress("write", len(written), len(steps))
 
     files = [path for step in steps for path in written[step]]
     if "footprints" in steps:
@@ -361,12 +366,12 @@ def party_walls(buildings: Kept, owners: Sequence[Block]) -> list[dict[str, floa
 
     boxes = np.array([extent_of(buildings, owner) for owner in owners], object)
     first, second = shapely.STRtree(boxes).query(boxes, predicate="dwithin", distance=PARTY_GAP)
-    near = {number: {number} for number in range(len(owners))}
+    neighbours = {number: {number} for number in range(len(owners))}
     for owner, neighbour in zip(first.tolist(), second.tolist(), strict=True):
-        near[owner].add(neighbour)
+        neighbours[owner].add(neighbour)
     walls: list[dict[str, float] | None] = []
-    for owner in near:
-        walls += walls_in(buildings, owners, owner, sorted(near[owner]), load)
+    for owner in neighbours:
+        walls += walls_in(buildings, owners, owner, sorted(neighbours[owner]), load)
     return walls
 
 

@@ -130,7 +130,7 @@ def refuse_no_classes(run: Run) -> None:
         When none has a class of the ground, or of buildings where these are to be found by it.
     """
     recipe, facts = run.recipe, run.facts
-    there = ", ".join(facts.classes) or "none"
+    present = ", ".join(facts.classes) or "none"
     asked = [("ground", recipe.ground_classes)]
     if isinstance(recipe.detect, GivenClasses) and run.given is None:
         asked.append(("building", recipe.detect.classes))
@@ -139,7 +139,7 @@ def refuse_no_classes(run: Run) -> None:
             numbers = " or ".join(map(str, classes))
             reason = InputError.about(
                 run.index.path(0),
-                f"--use-classes: no point has class {numbers} ({name}); the classes are {there}",
+                f"--use-classes: no point has class {numbers} ({name}); the classes are {present}",
                 f"leave out --use-classes, give --{name}-classes, {ANYWAY}",
             )
             if facts.whole:
@@ -279,8 +279,12 @@ def refuse_overwrite(
     same = {identity for entry in plan.get("inputs", ()) for identity in identities(entry)}
     for entry in facts.get("inputs", ()) if same else ():
         if same.isdisjoint(identities(entry)):
-            kept = "request" in facts and (folder / WORK).is_dir()
-            scan = f"add a later scan of its area by eaves update {folder} POINTS -o OTHER, " if kept else ""
+            keeps_results = "request" in facts and (folder / WORK).is_dir()
+            scan = (
+                f"add a later scan of its area by eaves update {folder} POINTS -o OTHER, "
+                if keeps_results
+                else ""
+            )
             remedy = f"{scan}give another -o, or --overwrite"
             raise InputError.about(folder, f"holds a run of {Path(entry['path']).name}", remedy)
     work = list(edits_and_work(folder, planned))
@@ -318,9 +322,9 @@ def identities(entry: Mapping[str, Any]) -> tuple[str, str]:
     return os.path.realpath(entry["path"]), f"{entry['points']} points in {Path(entry['path']).name}"
 
 
-def is_same_place(one: str | Path, other: str | Path) -> bool:
+def is_same_place(first: str | Path, second: str | Path) -> bool:
     """True if two paths are one file or folder, also where names differ by case or lead through links."""
     try:
-        return os.path.samefile(one, other)
+        return os.path.samefile(first, second)
     except OSError:  # one of them is not there yet
-        return os.path.normcase(os.path.realpath(one)) == os.path.normcase(os.path.realpath(other))
+        return os.path.normcase(os.path.realpath(first)) == os.path.normcase(os.path.realpath(second))

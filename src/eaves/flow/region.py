@@ -47,7 +47,7 @@ from eaves.run.partition import (
     key_of_part,
     keys_of_points,
     known_parts,
-    read_part,
+    partition_slice,
 )
 from eaves.run.workers import Workers
 from eaves.run.world_squares import ring
@@ -133,7 +133,8 @@ def read_points(region: Region) -> None:
         region.progress("read", min(read, index.points), index.points)
 
     tasks = [(part, key_of_part(part, store, run.side, run.window)) for part in todo]
-    work: Any = partial(read_part, store=store, side=run.side, window=run.window, copied=copies_records(run))
+    window, copied = run.window, copies_records(run)
+    work: Any = partial(partition_slice, store=store, side=run.side, window=window, copied=copied)
     workers = region.workers
     if workers.alone or len(todo) == 1:
         work, workers = partial(work, progress=read_more), Workers()

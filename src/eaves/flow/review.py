@@ -32,7 +32,7 @@ LEAST_SIDE = 1.0
 LAYER = "the layer doubts of footprints.gpkg"
 LEAST_FACE_M2 = 10.0
 """A smaller face in doubt (m² in plan) is in the layer `roof_planes`, where `weak` says why."""
-MOST_TOLD = 100
+MOST_LISTED = 100
 """Doubts listed in run.json, the largest; the layer holds all."""
 
 
@@ -73,8 +73,8 @@ def write_review(path: Path, rows: Sequence[Row], system: CoordinateSystem) -> P
     return path
 
 
-def doubt_rows(doubts: Iterable[Doubt], side: float) -> list[Row]:
-    """A row for each doubt (world metres), the largest first: the square of its area about its middle.
+def distinct_doubts(doubts: Iterable[Doubt], side: float) -> list[Doubt]:
+    """The doubts (world metres), each once, the largest first.
 
     What goes on beyond the surroundings that its block sees has another middle in each block, and so may be
     doubted in several: of those that overlap the largest stays. `side` is that of the blocks.
@@ -82,7 +82,12 @@ def doubt_rows(doubts: Iterable[Doubt], side: float) -> list[Row]:
     ordered = sorted(
         set(doubts), key=lambda doubt: (-doubt.area_m2, doubt.x, doubt.y, doubt.stage, doubt.reason)
     )
-    return [Row(square_of(doubt), told_of(doubt)) for doubt in without_repeated(ordered, side)]
+    return without_repeated(ordered, side)
+
+
+def doubt_row(doubt: Doubt) -> Row:
+    """The row of a doubt: the square of its area about its middle."""
+    return Row(square_of(doubt), columns_of(doubt))
 
 
 def face_doubts(rows: Iterable[BuildingRow]) -> Iterator[Doubt]:
@@ -119,31 +124,21 @@ def square_of(doubt: Doubt) -> shapely.Polygon:
     return shapely.box(doubt.x - half, doubt.y - half, doubt.x + half, doubt.y + half)
 
 
-def told_of(doubt: Doubt) -> dict[str, Any]:
+def columns_of(doubt: Doubt) -> dict[str, Any]:
     """The columns of a doubt's row."""
     return {"stage": doubt.stage, "reason": doubt.reason, "area_m2": doubt.area_m2}
 
 
-def doubt_of(row: Row, unit: float) -> Doubt:
-    """The doubt of a row whose geometry has units of so many metres."""
-    assert row.geometry is not None
-    west, south, east, north = (unit * side for side in row.geometry.bounds)
-    attributes = row.attributes
-    x, y = round(0.5 * (west + east), 2), round(0.5 * (south + north), 2)
-    return Doubt(x, y, attributes["area_m2"], attributes["reason"], attributes["stage"])
-
-
-def describe_doubts(rows: Sequence[Row], unit: float, where: str) -> dict[str, Any]:
+def describe_doubts(doubts: Sequence[Doubt], unit: float, where: str) -> dict[str, Any]:
     """Their summary in run.json: counts, and the places of the largest in the reference system's unit, of so
     many metres. `where` names what to open for them."""
     places = []
-    for row in rows[:MOST_TOLD]:
-        doubt = doubt_of(row, 1.0)
-        places.append({"x": round(doubt.x / unit, 2), "y": round(doubt.y / unit, 2), **row.attributes})
-    stages = Counter(str(row.attributes["stage"]) for row in rows)
+    for doubt in doubts[:MOST_LISTED]:
+        x, y = (round(round(value, 2) / unit, 2) for value in (doubt.x, doubt.y))
+        places.append({"x": x, "y": y, **columns_of(doubt)})
     return {
-        "count": len(rows),
-        "by_stage": dict(sorted(stages.items())),
+        "count": len(doubts),
+        "by_stage": dict(sorted(Counter(doubt.stage for doubt in doubts).items())),
         "see": where,
         "largest": places,
     }

@@ -36,7 +36,7 @@ from eaves.formats.errors import require_extra
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
-from eaves.methods import DEFAULTS, MethodChoice, name_of
+from eaves.methods import DEFAULTS, MethodChoice
 from eaves.model import BLOCK_SIDE, Block, CoordinateSystem, Failure, Footprint
 from eaves.model.building import OVERHANGS
 from eaves.model.provenance import Provenance
@@ -425,7 +425,7 @@ def describe_plan(
 ) -> dict[str, Any]:
     """All that decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
-        stage: method and {"method": name_of(method), **method.model_dump(mode="json")}
+        stage: method and {"method": method.address, **method.model_dump(mode="json")}
         for stage in METHOD_OPTIONS
         for method in [getattr(recipe, stage)]
     }

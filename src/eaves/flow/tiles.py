@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -58,27 +59,22 @@ def given_in(region: Region, area: Area) -> Given:
         return Given(region.run.given or (), region.run.lost)
     parts = [region.given[tile] for tile in area.tiles if tile in region.given]
     return Given(
-        [one for part in parts for one in part.footprints], [one for part in parts for one in part.lost]
+        [footprint for part in parts for footprint in part.footprints],
+        [footprint for part in parts for footprint in part.lost],
     )
 
 
 def plan_tiles(index: Index, side: float, bounds: Bounds | None = None) -> list[Block]:
     """The tiles of a side (m) that the inputs' boxes meet, and the bounds where given, in order."""
-    west, south, east, north = (index.entries["box"][index.entries["count"] > 0]).T
+    boxes = index.entries["box"][index.entries["count"] > 0]
     if bounds is not None:
-        west, south = np.maximum(west, bounds.west), np.maximum(south, bounds.south)
-        east, north = np.minimum(east, bounds.east), np.minimum(north, bounds.north)
-        meets = (west <= east) & (south <= north)
-        west, south, east, north = west[meets], south[meets], east[meets], north[meets]
-    first = np.floor(np.column_stack([west, south]) / side).astype(np.int64)
-    last = np.floor(np.column_stack([east, north]) / side).astype(np.int64)
-    places: NDArray[np.int64] = np.zeros((0, 2), np.int64)
-    across = (last - first).max(axis=0, initial=0)
-    for column in range(int(across[0]) + 1):
-        for row in range(int(across[1]) + 1):
-            here = first + [column, row]
-            places = np.unique(np.concatenate([places, here[(here <= last).all(axis=1)]]), axis=0)
-    return [Block(int(column), int(row), side) for column, row in places]
+        limits = list(vars(bounds).values())
+        boxes = np.hstack([np.maximum(boxes[:, :2], limits[:2]), np.minimum(boxes[:, 2:], limits[2:])])
+        boxes = boxes[(boxes[:, :2] <= boxes[:, 2:]).all(axis=1)]
+    places = set[tuple[int, int]]()
+    for west, south, east, north in np.unique(np.floor(boxes / side).astype(np.int64), axis=0).tolist():
+        places.update(product(range(west, east + 1), range(south, north + 1)))
+    return [Block(column, row, side) for column, row in sorted(places)]
 
 
 @dataclass(frozen=True)

@@ -97,3 +97,8 @@ def files_in(folder: str) -> list[tuple[str, str]]:
             folder, f"cannot be listed ({error.strerror})", "check the path and its permissions"
         ) from None
     return by_kind[LAS_SUFFIXES] or by_kind[TEXT_SUFFIXES]
+
+
+def is_classified(name: str) -> bool:
+    """True if a file of a run holds its classified points; copies as COPC are derived from it."""
+    return name.startswith("classified") and name.endswith((".laz", ".las")) and ".copc." not in name

@@ -263,8 +263,8 @@ def _check_given(
         raise ValueError(f"class {min(shared)} cannot be both ground and building; leave it out of one")
 
 
-def _with(classes: Sequence[int] | None, some: tuple[int, ...]) -> bool:
-    """True if the classes to write, once checked, include all of `some`."""
+def _with(classes: Sequence[int] | None, chosen: tuple[int, ...]) -> bool:
+    """True if the classes to write, once checked, include all of `chosen`."""
     if classes is None:
         return True
     sets = [{GROUND, BUILDING}, {GROUND, *VEGETATION, BUILDING}, {GROUND, *VEGETATION, BUILDING, *OTHERS}]
@@ -273,7 +273,7 @@ def _with(classes: Sequence[int] | None, some: tuple[int, ...]) -> bool:
         allowed = ", ".join(",".join(map(str, sorted(allowed_set))) for allowed_set in sets[:-1])
         last = ",".join(map(str, sorted(sets[-1])))
         raise ValueError(f"--classes {asked}: write {allowed} or {last}; noise (7, 18) is always marked")
-    return set(some) <= set(classes)
+    return set(chosen) <= set(classes)
 
 
 def _name_of(choice: MethodChoice) -> object:

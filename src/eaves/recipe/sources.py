@@ -170,9 +170,9 @@ def with_source(name: str, methods: Mapping[str, MethodChoice] | None) -> dict[s
     """
     chosen: dict[str, MethodChoice] = dict(find_source(name).methods)
     for stage, choice in (methods or {}).items():
-        own = chosen.get(stage)
-        if isinstance(choice, Mapping) and "method" not in choice and isinstance(own, str):
-            chosen[stage] = {"method": own, **choice}
+        method = chosen.get(stage)
+        if isinstance(choice, Mapping) and "method" not in choice and isinstance(method, str):
+            chosen[stage] = {"method": method, **choice}
         elif choice is not None:
             chosen[stage] = choice
     return chosen

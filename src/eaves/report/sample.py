@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError, open_source
-from eaves.formats.points.classified import is_classified
+from eaves.formats.inputs import is_classified
 from eaves.formats.points.las import NEEDED, returns_and_class
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.laz import decompress, read_chunk_table

@@ -84,13 +84,7 @@ class Index:
         InputError
             When it cannot be, or is no longer what the index knows.
         """
-        if number in self.kept:
-            return self.kept[number]
-        path = self.path(number)
-        source = open_source(path, self.crs)
-        if source.count != self.entries["count"][number]:
-            raise InputError.about(path, "changed while the run was reading it", "run again")
-        return source
+        return self.kept.get(number) or open_unchanged(self.path(number), self.crs, self.count(number))
 
     def bounds(self, number: int) -> Bounds:
         """The place of one file's points by its header."""
@@ -224,6 +218,20 @@ def index_inputs(
             wrong_boxes[0],
         )
     return index
+
+
+def open_unchanged(path: Path, crs: str | None, count: int) -> Source:
+    """A file with the number of records that the index knows.
+
+    Raises
+    ------
+    InputError
+        When it cannot be opened, or has another.
+    """
+    source = open_source(path, crs)
+    if source.count != count:
+        raise InputError.about(path, "changed while the run was reading it", "run again")
+    return source
 
 
 def open_counted(path: str | Path, crs: str | None) -> Source:

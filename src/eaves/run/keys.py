@@ -272,29 +272,29 @@ class Mark:
     found: str
 
 
-def key_of(*taken: Any) -> str:
+def key_of(*values: Any) -> str:
     """The key of arrays, to the last bit, of geometries, and of plain values, by how they are written."""
     digest = hashlib.sha256()
-    for item in taken:
+    for item in values:
         _feed(digest, item)
     return digest.hexdigest()[:DIGITS]
 
 
-def _feed(digest: hashlib._Hash, one: Any) -> None:
-    if isinstance(one, np.ndarray):
-        digest.update(f"{one.dtype.str}{one.shape}".encode())
-        digest.update(np.ascontiguousarray(one).reshape(-1).view(np.uint8).data if one.size else b"")
-    elif isinstance(one, BaseGeometry):
-        digest.update(shapely.to_wkb(one))
-    elif is_dataclass(one):
-        digest.update(type(one).__name__.encode())
-        for field in fields(one):
-            _feed(digest, getattr(one, field.name))
-    elif isinstance(one, list | tuple):
-        digest.update(f"{len(one)}(".encode())
-        for item in one:
+def _feed(digest: hashlib._Hash, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype.str}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data if value.size else b"")
+    elif isinstance(value, BaseGeometry):
+        digest.update(shapely.to_wkb(value))
+    elif is_dataclass(value):
+        digest.update(type(value).__name__.encode())
+        for field in fields(value):
+            _feed(digest, getattr(value, field.name))
+    elif isinstance(value, list | tuple):
+        digest.update(f"{len(value)}(".encode())
+        for item in value:
             _feed(digest, item)
-    elif isinstance(one, Mapping):
-        _feed(digest, list(one.items()))
+    elif isinstance(value, Mapping):
+        _feed(digest, list(value.items()))
     else:
-        digest.update(f"{one!r},".encode())
+        digest.update(f"{value!r},".encode())

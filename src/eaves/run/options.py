@@ -275,10 +275,10 @@ T = TypeVar("T")
 def list_options(function: Callable[P, T]) -> Callable[P, T]:
     """The function itself, with the keywords of `RunOptions` in the signature that `help` shows, and in its
     docstring for the line `{options}`."""
-    known = inspect.signature(function)
+    plain = inspect.signature(function)
     parameters = [
         parameter
-        for parameter in known.parameters.values()
+        for parameter in plain.parameters.values()
         if parameter.kind is not inspect.Parameter.VAR_KEYWORD
     ]
     keywords = [
@@ -290,7 +290,7 @@ def list_options(function: Callable[P, T]) -> Callable[P, T]:
         )
         for declared in DECLARED.values()
     ]
-    signature = known.replace(parameters=[*parameters, *keywords])
+    signature = plain.replace(parameters=[*parameters, *keywords])
     function.__signature__ = signature  # type: ignore[attr-defined]
     lines = [
         f"{declared.name} : {declared.words.replace(' | ', ' or ')}\n        {declared.option.sentence}"

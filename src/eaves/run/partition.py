@@ -17,12 +17,12 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats import Chunk, InputError, Source, iter_chunks, open_source
+from eaves.formats import Chunk, InputError, Source, iter_chunks
 from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP, canonical_order
-from eaves.run.index import Index
+from eaves.run.index import Index, open_unchanged
 from eaves.run.keys import key_of, package_sources
 from eaves.run.store import Store
 from eaves.run.world_squares import ring
@@ -61,10 +61,7 @@ class FileSlice:
 
     def opened(self) -> Source:
         """The input, as the index knows it."""
-        source = self.source or open_source(self.path, self.crs)
-        if source.count != self.count:
-            raise InputError.about(self.path, "changed while the run was reading it", "run again")
-        return source
+        return self.source or open_unchanged(self.path, self.crs, self.count)
 
 
 @dataclass(frozen=True)
@@ -165,23 +162,23 @@ def keys_of_points(marks: Mapping[str, PartMark]) -> dict[str, str]:
 
 
 def partition_slice(
-    part: FileSlice,
+    task: tuple[FileSlice, str],
     store: Store,
     side: float,
     window: Window,
-    progress: Callable[[int], None] = lambda points: None,
     copied: bool = False,
-    key: str = "",
+    progress: Callable[[int], None] = lambda points: None,
 ) -> tuple[PartMark, Bounds | None]:
     """Write every usable point of a part to its block's folder; the mark in `parts/` comes last.
 
-    `key` is that of `key_of_part`, which the mark bears. Where they are `copied`, the records of a compressed
-    file are kept whole as well: the classified points are written from them, for to decompress them again
-    costs many times as much.
+    The `task` is a part with its key (`key_of_part`), which the mark bears. Where they are `copied`, the
+    records of a compressed file are kept whole as well: the classified points are written from them, for to
+    decompress them again costs many times as much.
 
     Withheld points and points without a position stay out. `progress` is called with the number of points
     read. Of a damaged input the points before the damage are used; a resumed run tries it again.
     """
+    part, key = task
     writer = SliceWriter(store, part.name)
     read, extent, unread = 0, None, None
     try:
@@ -210,19 +207,6 @@ def partition_slice(
     with atomic(store.part_path(part.name)) as temporary:
         temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
     return mark, extent if lies else None
-
-
-def read_part(
-    task: tuple[FileSlice, str],
-    store: Store,
-    side: float,
-    window: Window,
-    copied: bool,
-    progress: Callable[[int], None] = lambda points: None,
-) -> tuple[PartMark, Bounds | None]:
-    """A part of an input, brought to its blocks, with the key that its mark bears."""
-    part, key = task
-    return partition_slice(part, store, side, window, progress, copied, key)
 
 
 def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: SliceWriter) -> None:
@@ -285,12 +269,12 @@ class SliceWriter:
         with (folder / self._hidden).open("ab") as file:
             file.write(records.data)
 
-    def finish(self, whole: bool) -> dict[str, tuple[int, int]]:
+    def finish(self, complete: bool) -> dict[str, tuple[int, int]]:
         """Put the points of each block in canonical order, once for all that reads them, and show the files,
-        the copy of the records when it is `whole`. Bytes and checksum of each block's file."""
+        the copy of the records when it is `complete`. Bytes and checksum of each block's file."""
         if self._copy is not None:
             self._copy.close()
-            if whole:
+            if complete:
                 os.replace(self._copy.name, self._store.records_path(self._name))
             else:
                 os.unlink(self._copy.name)

@@ -189,8 +189,8 @@ class Workers:
                 for spare in (0, AHEAD * self.jobs) * self._beside if pool is not driven else ():
                     threading.Thread(target=drive, args=(pool, spare), daemon=True).start()
                 driven = pool
-                own = take(todo) if self._share is None and outcomes.empty() else None
-                outcome = outcomes.get() if own is None else attempt(work, own, tasks[own])
+                chosen = take(todo) if self._share is None and outcomes.empty() else None
+                outcome = outcomes.get() if chosen is None else attempt(work, chosen, tasks[chosen])
                 if outcome.error == KILLED:
                     lost.append(outcome.index)
                 else:

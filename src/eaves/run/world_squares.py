@@ -42,11 +42,11 @@ def around_squares(bounds: Bounds, side: float) -> Bounds:
     return first.bounds.union(last.bounds)
 
 
-def within(bounds: Bounds, other: Bounds | None) -> Bounds:
+def within(bounds: Bounds, limits: Bounds | None) -> Bounds:
     """The intersection of two rectangles; empty where they do not meet."""
-    if other is None:
+    if limits is None:
         return bounds
-    west, south = max(bounds.west, other.west), max(bounds.south, other.south)
+    west, south = max(bounds.west, limits.west), max(bounds.south, limits.south)
     return Bounds(
-        west, south, max(west, min(bounds.east, other.east)), max(south, min(bounds.north, other.north))
+        west, south, max(west, min(bounds.east, limits.east)), max(south, min(bounds.north, limits.north))
     )

@@ -33,16 +33,16 @@ class Corrected:
     """The result of edits: ids of buildings modelled and removed, edits that gave no model with the reason,
     conflicts in words, and the owner blocks whose buildings are others, or were by earlier edits."""
 
-    modelled: tuple[str, ...]
-    removed: tuple[str, ...]
-    failed: tuple[str, ...]
-    conflicts: tuple[str, ...]
-    touched: frozenset[Block]
+    modelled: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+    failed: tuple[str, ...] = ()
+    conflicts: tuple[str, ...] = ()
+    touched: frozenset[Block] = frozenset()
 
 
-def outlines_in(kept: Kept, side: float) -> dict[str, Polygon]:
+def outlines_in(buildings: Kept, side: float) -> dict[str, Polygon]:
     """Id → outline (world metres) of buildings that are kept."""
-    return {str(row.values["id"]): row.polygon for row in kept.rows(kept.owners(side))}
+    return {str(row.values["id"]): row.polygon for row in buildings.rows(buildings.owners(side))}
 
 
 def kept_edits(folder: Path, system: CoordinateSystem) -> list[Edit]:
@@ -63,9 +63,9 @@ def changed_in_layer(folder: Path, system: CoordinateSystem, shown: dict[str, Po
 def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     """Carry out all edits on a region's buildings, and take back what is edited no more."""
     store, side = region.store, region.run.side
-    found = as_found(store)
-    orders, conflicts = settle(edits, outlines_in(found, side))
-    home = {str(row.values["id"]): owner for owner in found.owners(side) for row in found.rows([owner])}
+    detected = as_found(store)
+    orders, conflicts = settle(edits, outlines_in(detected, side))
+    home = {str(row.values["id"]): owner for owner in detected.owners(side) for row in detected.rows([owner])}
     orders = [order for order in orders if order.outlines or order.id in home]
     by_owner: dict[Block, list[Order]] = {}
     for order in orders:
@@ -82,7 +82,7 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     return Corrected(
         tuple(name for order in orders for name, _ in order.parts),
         tuple(order.id for order in orders if not order.outlines),
-        tuple(words for unit in units for words in failures_in(unit, Kept(store, (EDITED.name,)))),
+        tuple(reason for unit in units for reason in failures_in(unit, Kept(store, (EDITED.name,)))),
         tuple(conflicts),
         touched,
     )
@@ -93,7 +93,7 @@ def failures_in(unit: OwnedOrders, edited: Kept) -> Iterator[str]:
     if edited.path(unit.owner_block) is None:
         return  # the whole block failed, which the run says
     outcomes = edited.answers([unit.owner_block])
-    by_id = {one.footprint.id: one for one in outcomes if one.footprint is not None}
+    by_id = {building.footprint.id: building for building in outcomes if building.footprint is not None}
     for name, _ in (part for order in unit.orders for part in order.parts):
         outcome = by_id.get(name)
         if outcome is None:
@@ -107,17 +107,17 @@ def overlaps(orders: Sequence[Order], shown: Mapping[str, Polygon]) -> list[str]
     edited = {order.id: shapely.union_all(order.outlines) for order in orders if order.outlines}
     names = list(shown)
     tree = shapely.STRtree([shown[name] for name in names])
-    words = []
+    conflicts = []
     for name, outline in edited.items():
         for k in tree.query(outline, predicate="intersects"):
-            other = names[k]
-            own = other == name or other.startswith(f"{name}-")
-            if own or (other in edited and other < name):
+            neighbour = names[k]
+            is_part = neighbour == name or neighbour.startswith(f"{name}-")
+            if is_part or (neighbour in edited and neighbour < name):
                 continue
-            area = shapely.intersection(outline, shown[other]).area
+            area = shapely.intersection(outline, shown[neighbour]).area
             if area > OVERLAP_M2:
-                words.append(f"{name}: its outline covers {area:.1f} m² of {other}")
-    return words
+                conflicts.append(f"{name}: its outline covers {area:.1f} m² of {neighbour}")
+    return conflicts
 
 
 log = logging.getLogger("eaves")
@@ -140,8 +140,8 @@ class CarriedEdits:
         why; the blocks that own buildings then."""
         corrected = correct(region, self.edits)
         log.info("%d edits of an earlier run are carried over", len(self.edits))
-        for words in (*corrected.conflicts, *corrected.failed):
-            log.warning("edit: %s", words)
+        for reason in (*corrected.conflicts, *corrected.failed):
+            log.warning("edit: %s", reason)
         return Kept(region.store).owners(region.run.side)
 
     def keep(self) -> Path:

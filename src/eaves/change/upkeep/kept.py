@@ -145,7 +145,7 @@ def frame_of(folder: Path) -> tuple[float, ...] | None:
 def marks_of(plan: dict[str, Any]) -> list[tuple[int, str]]:
     """Points and fingerprint of each input, wherever it lies; of very many inputs their common hash."""
     if "inputs" in plan:
-        return [(one["points"], one["fingerprint"]) for one in plan["inputs"]]
+        return [(entry["points"], entry["fingerprint"]) for entry in plan["inputs"]]
     return [(plan["files"], plan["inputs_sha256"])]
 
 
@@ -166,8 +166,8 @@ def kept_recipe(plan: dict[str, Any], named: Collection[str] = ()) -> Recipe:
                 f"if you trust it, add --method {place}"
             )
     methods: dict[str, Any] = {
-        stage: None if words is None else resolve_method(stage, words, False)
-        for stage, words in ((stage, plan["methods"][stage]) for stage in METHOD_OPTIONS)
+        stage: None if table is None else resolve_method(stage, table, False)
+        for stage, table in ((stage, plan["methods"][stage]) for stage in METHOD_OPTIONS)
     }
     vegetation = plan.get("vegetation")
     return Recipe(
@@ -182,10 +182,10 @@ def kept_recipe(plan: dict[str, Any], named: Collection[str] = ()) -> Recipe:
     )
 
 
-def link_file(source: Path, target: Path) -> None:
+def link_file(source: str | Path, target: str | Path) -> None:
     """One file under another name, in a folder that is made when missing."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.unlink(missing_ok=True)
+    Path(target).parent.mkdir(parents=True, exist_ok=True)
+    Path(target).unlink(missing_ok=True)
     try:
         os.link(source, target)
     except OSError:
@@ -195,10 +195,5 @@ def link_file(source: Path, target: Path) -> None:
 def link_results(source: Path, target: Path) -> None:
     """The results of a run under other names, without taking room where the disk can do that. They are never
     written in place, so neither run sees what the other does."""
-    for place, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if name != EARLIER]
-        to = target / Path(place).relative_to(source)
-        to.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            if not name.startswith("."):
-                link_file(Path(place) / name, to / name)
+    hidden = shutil.ignore_patterns(EARLIER, ".*")
+    shutil.copytree(source, target, copy_function=link_file, ignore=hidden, dirs_exist_ok=True)

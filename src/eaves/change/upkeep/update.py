@@ -16,7 +16,7 @@ import numpy as np
 
 from eaves.buildings.building_file import NUMBERS, Kept, as_found, keep_numbers, numbers_of_owners
 from eaves.change.edits import Edit, read_edits, write_edits
-from eaves.change.upkeep.corrected import changed_in_layer, correct, kept_edits, outlines_in
+from eaves.change.upkeep.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
 from eaves.change.upkeep.kept import MODELS, link_file, link_results, open_again, read_request
 from eaves.change.upkeep.versions import Versions, known_ids, lines_of, name_versions, write_history
 from eaves.flow.classified_points import KEYS, known_copies
@@ -32,7 +32,7 @@ from eaves.pipeline import find_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
-from eaves.run.store import WORK
+from eaves.run.store import WORK, Store
 
 log = logging.getLogger("eaves")
 
@@ -54,20 +54,15 @@ class Updated:
     versions: Versions
     edits: tuple[Edit, ...] = ()
     """All edits of the run, earlier ones too."""
-    modelled: tuple[str, ...] = ()
-    """Ids of the buildings that edits are of, as they are now."""
-    removed: tuple[str, ...] = ()
-    failed: tuple[str, ...] = ()
-    """Edits that gave no model, with the reason."""
-    conflicts: tuple[str, ...] = ()
-    """Among the edits, and edits whose building was removed."""
+    corrected: Corrected = Corrected()  # noqa: RUF009 (frozen)
+    """The result of the edits."""
     beside: tuple[str, ...] = ()
     """Ids of buildings that are as they were but for the walls they share: a neighbour changed. Their lines
     say the new areas; their version stays, for it is that of the building itself."""
 
     def as_text(self) -> str:
         """The closing lines."""
-        named, found = self.versions, self.summary.found
+        named, count = self.versions, self.summary.found
         new, again, gone = len(named.new), len(named.remodelled), len(named.gone)
         lines = []
         if self.date is not None:
@@ -78,18 +73,18 @@ class Updated:
             )
         if self.date is not None or new or again or gone:
             lines.append(
-                f"{found:,} buildings: {found - new - again:,} as they were, {again:,} modelled again, "
+                f"{count:,} buildings: {count - new - again:,} as they were, {again:,} modelled again, "
                 f"{new:,} new; {gone:,} are no more"
             )
         if self.beside:
             lines.append(f"{len(self.beside):,} of those as they were share other walls with a neighbour")
         if self.edits or self.date is None:
             lines.append(
-                f"{len(self.edits)} edits: {len(self.modelled)} buildings modelled by them, "
-                f"{len(self.removed)} removed"
+                f"{len(self.edits)} edits: {len(self.corrected.modelled)} buildings modelled by them, "
+                f"{len(self.corrected.removed)} removed"
             )
-        lines += [f"conflict: {words}" for words in self.conflicts]
-        return "\n".join([*lines, *(f"no model: {words}" for words in self.failed)])
+        lines += [f"conflict: {reason}" for reason in self.corrected.conflicts]
+        return "\n".join([*lines, *(f"no model: {reason}" for reason in self.corrected.failed)])
 
 
 def update(
@@ -179,7 +174,7 @@ def update(
             check_place(region)
         if not request.keep:
             compute_again(region, folder)
-        before = earlier_buildings(region, folder / WORK if linked else run.work_folder)
+        before = earlier_buildings(region.store, folder / WORK if linked else run.work_folder)
         ordered = all_edits(folder, edits, before, run.side)
         if not inside:
             begin_manifest(out)
@@ -197,26 +192,22 @@ def compute_again(region: Region, folder: Path) -> None:
     correct(region, kept_edits(folder, region.store.system))
 
 
-def earlier_buildings(region: Region, folder: Path) -> Kept:
+def earlier_buildings(store: Store, folder: Path) -> Kept:
     """The buildings of the run that is updated, as it shows them, with its results in a folder.
 
-    In the folder of the region itself they are set aside, for it goes on with the others; an update that was
-    broken off leaves them.
+    They are set aside, for the store goes on with the others; an update that was broken off leaves them.
     """
-    store = region.store
-    earlier = replace(store, folder=folder / EARLIER)
-    if earlier.folder.exists():
-        return Kept(earlier)
-    if not is_same_place(folder, store.folder):
-        return Kept(replace(store, folder=folder))
-    hidden = folder / f"{EARLIER}-{os.getpid()}"
-    for name in (REGIONS, BUILDINGS, NAMED, EDITED):
-        link_results(folder / name, hidden / name)
-    for name in (NUMBERS, KEYS):
-        if (folder / name).exists():
-            link_file(folder / name, hidden / name)
-    hidden.rename(earlier.folder)
-    return Kept(earlier)
+    aside, unfinished = store.folder / EARLIER, folder / EARLIER
+    before = unfinished if unfinished.exists() else folder
+    if before != aside:
+        hidden = aside.with_name(f"{EARLIER}-{os.getpid()}")
+        hidden.mkdir(exist_ok=True)
+        for path in [before / name for name in (REGIONS, BUILDINGS, NAMED, EDITED, NUMBERS, KEYS)]:
+            if path.exists():
+                link = link_results if path.is_dir() else link_file
+                link(path, hidden / path.name)
+        hidden.rename(aside)
+    return Kept(replace(store, folder=aside))
 
 
 def all_edits(folder: Path, file: str | Path | None, shown: Kept, side: float) -> list[Edit]:
@@ -224,8 +215,8 @@ def all_edits(folder: Path, file: str | Path | None, shown: Kept, side: float) -
     those of a file; of the buildings that the run shows, in blocks of a side (m)."""
     system, outlines = shown.store.system, outlines_in(shown, side)
     edits = [*kept_edits(folder, system), *changed_in_layer(folder, system, outlines)]
-    found = outlines_in(as_found(shown.store), side)
-    return edits if file is None else [*edits, *read_edits(Path(file), system, {**found, **outlines})]
+    detected = outlines_in(as_found(shown.store), side)
+    return edits if file is None else [*edits, *read_edits(Path(file), system, {**detected, **outlines})]
 
 
 def update_region(
@@ -248,23 +239,21 @@ def update_region(
         files.append(out / EDITS)
     beside: list[str] = []
     if date is not None:
-        others = {*versions.new, *versions.remodelled, *edited.modelled, *edited.removed}
-        beside = walls_changed(folder, out, others)
+        changed_ids = {*versions.new, *versions.remodelled, *edited.modelled, *edited.removed}
+        beside = walls_changed(folder, out, changed_ids)
         region.run = with_update(region.run, date, versions, len(beside))
     end_region(region, summary.complete)
     end_manifest(out, files, summary.complete, edits=len(edits), **stated_request(region.run))
-    shutil.rmtree(store.folder / EARLIER, ignore_errors=True)
+    blocks = blocks_computed(region, before), len(region.shown)
+    shutil.rmtree(before.store.folder, ignore_errors=True)
     return Updated(
         summary=replace(summary, files=tuple(files)),
         date=date,
         points=points_counted(region),
-        blocks=(blocks_computed(region, before), len(region.shown)),
+        blocks=blocks,
         versions=versions,
         edits=tuple(edits),
-        modelled=edited.modelled,
-        removed=edited.removed,
-        failed=edited.failed,
-        conflicts=edited.conflicts,
+        corrected=edited,
         beside=tuple(beside),
     )
 
@@ -282,7 +271,7 @@ def with_update(run: Run, date: str, versions: Versions, beside: int) -> Run:
     return replace(run, updates=(*run.updates, counts))
 
 
-def check_inputs(folder: Path, known: Sequence[str], paths: Sequence[str], out: Path) -> list[str]:
+def check_inputs(folder: Path, earlier: Sequence[str], paths: Sequence[str], out: Path) -> list[str]:
     """The true paths of new files, when they and the output folder can be used.
 
     Raises
@@ -294,7 +283,7 @@ def check_inputs(folder: Path, known: Sequence[str], paths: Sequence[str], out: 
         raise InputError.about(out, "is the folder of the run that is updated", "choose another with -o")
     new = [os.path.realpath(path) for path in paths]
     for path in new:
-        if path in known:
+        if path in earlier:
             raise InputError.about(path, f"is an input of {folder} already", "give the new points alone")
         if is_same_place(Path(path).parent, folder):
             raise InputError.about(path, f"lies in {folder}, among its results", "give the new points alone")
@@ -322,12 +311,12 @@ def date_of(paths: Sequence[str], date: str | None) -> str:
                     dates.append(file.header.creation_date)
             except Exception as error:  # what is wrong with the file is said where it is read
                 log.debug("%s: %s", path, error)
-    known = [one for one in dates if one is not None and one.year > 1]
-    if not known:
+    days = [day for day in dates if day is not None and day.year > 1]
+    if not days:
         raise InputError.about(
             paths[0], "states no date in its header", "give the scan's with --date 2026-05-31"
         )
-    return str(max(known).isoformat())
+    return str(max(days).isoformat())
 
 
 def check_place(region: Region) -> None:
@@ -341,17 +330,17 @@ def check_place(region: Region) -> None:
     run, store = region.run, region.store
     first = run.generations[-1]
     path = run.index.path(first)
-    fresh, held = [], []
+    fresh, earlier = [], []
     for block in store.blocks(run.side):
         numbers = [scan for scan, _ in store.scan_files(block)]
         fresh += [block] * (max(numbers) >= first)
-        held += [block] * (min(numbers) < first)
+        earlier += [block] * (min(numbers) < first)
     if not fresh:
         region.store.discard()
         raise InputError.about(
             path, "has no point that the run would use", "check its coordinates and --bounds"
         )
-    places = np.array([(block.column, block.row) for block in held])
+    places = np.array([(block.column, block.row) for block in earlier])
     away = min(int(np.abs(places - [block.column, block.row]).max(axis=1).min()) for block in fresh)
     if away > AWAY_BLOCKS:
         region.store.discard()
@@ -372,13 +361,13 @@ def points_counted(region: Region) -> tuple[int, int]:
 
 def blocks_computed(region: Region, before: Kept) -> int:
     """Number of blocks whose results differ from those before."""
-    known = set(before.store.found(REGIONS, region.shown))
-    return sum(one not in known for one in region.store.found(REGIONS, region.shown))
+    before_keys = set(before.store.found(REGIONS, region.shown))
+    return sum(entry not in before_keys for entry in region.store.found(REGIONS, region.shown))
 
 
-def walls_changed(folder: Path, out: Path, others: set[str]) -> list[str]:
+def walls_changed(folder: Path, out: Path, changed_ids: set[str]) -> list[str]:
     """The buildings, but for some others, whose lines changed: they share other walls."""
     before, after = lines_of(folder / MODELS), lines_of(out / MODELS)
     return sorted(
-        name for name in after if name in before and name not in others and before[name] != after[name]
+        name for name in after if name in before and name not in changed_ids and before[name] != after[name]
     )

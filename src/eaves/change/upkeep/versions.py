@@ -75,14 +75,14 @@ class Placed:
 
 
 def name_versions(
-    found: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
+    detected: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
 ) -> tuple[Versions, set[Block]]:
     """Give the buildings their ids and versions, in a layer over those found; what became of them, and the
     owner blocks whose buildings are others than before.
 
     Parameters
     ----------
-    found, before
+    detected, before
         What was found now, and by the earlier run with the names that it gave.
     owners
         The blocks that own buildings now.
@@ -92,48 +92,48 @@ def name_versions(
         Of the update, as `YYYY-MM-DD`; None where no points came: what other code models otherwise is no new
         version.
     """
-    after = found.store
+    after = detected.store
     after.keep_only(NAMED, ())
     side = owners[0].side if owners else BLOCK_SIDE
-    known = set(before.store.found(BUILDINGS, before.owners(side)))
-    same = {name for name, key in after.found(BUILDINGS, owners) if (name, key) in known}
-    changed = {one for one in (*owners, *before.owners(side)) if one.name not in same}
+    entries = set(before.store.found(BUILDINGS, before.owners(side)))
+    same = {name for name, key in after.found(BUILDINGS, owners) if (name, key) in entries}
+    changed = {owner for owner in (*owners, *before.owners(side)) if owner.name not in same}
     for owner in owners:
         if owner.name in same and before.store.has(NAMED, owner):
             for suffix in (".npz", ".key"):
                 path = before.store.path(NAMED, owner).with_suffix(suffix)
                 link_file(path, after.path(NAMED, owner).with_suffix(suffix))
     fresh, earlier = (
-        [Placed.of(owner, one) for owner in sorted(changed) for one in kept.saved(owner)]
-        for kept in (found, before)
+        [Placed.of(owner, saved) for owner in sorted(changed) for saved in layer.saved(owner)]
+        for layer in (detected, before)
     )
-    stay = (row.values["id"] for row in before.rows([one for one in owners if one.name in same]))
-    used = {*ended, *map(str, stay), *(one.id for one in earlier)}
+    stay = (row.values["id"] for row in before.rows([owner for owner in owners if owner.name in same]))
+    names_used = {*ended, *map(str, stay), *(building.id for building in earlier)}
     results: dict[Block, list[BuildingResult]] = {}
     if date is not None:
         earlier, fresh, confirmed = confirmed_apart(earlier, fresh, set(owners))
-        for one in confirmed:
-            results.setdefault(one.owner, []).append(one.result)
+        for building in confirmed:
+            results.setdefault(building.owner, []).append(building.result)
     partners = match(earlier, fresh)
     names: dict[int, str] = {}
-    for k, one in enumerate(fresh):
-        names[k] = earlier[partners[k]].id if k in partners else unused(one.id, used)
-        used.add(names[k])
-    words = Versions()
+    for k, building in enumerate(fresh):
+        names[k] = earlier[partners[k]].id if k in partners else unused(building.id, names_used)
+        names_used.add(names[k])
+    versions = Versions()
     blocks = block_names(fresh, earlier, partners, names)
-    for k, one in enumerate(fresh):
+    for k, building in enumerate(fresh):
         old = earlier[partners[k]].result if k in partners else None
-        result, is_same = versioned(one.result, names[k], blocks, old, date)
-        results.setdefault(one.owner, []).append(result)
+        result, is_same = versioned(building.result, names[k], blocks, old, date)
+        results.setdefault(building.owner, []).append(result)
         if old is None:
-            words.new.append(names[k])
+            versions.new.append(names[k])
         elif not is_same:
-            words.remodelled.append(names[k])
+            versions.remodelled.append(names[k])
     matched = set(partners.values())
-    words.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
-    for owner, some in results.items():
-        after.save(NAMED, owner, building_arrays(some))
-    return words, changed
+    versions.gone.extend(building.id for k, building in enumerate(earlier) if k not in matched)
+    for owner, buildings in results.items():
+        after.save(NAMED, owner, building_arrays(buildings))
+    return versions, changed
 
 
 def confirmed_apart(
@@ -144,55 +144,55 @@ def confirmed_apart(
     blocks = [*(f"earlier {name}" * bool(name) for name in map(block_id, earlier)), *map(block_id, fresh)]
     stay: set[int] = set()
     replaced: set[int] = set()
-    outlines = [[one.polygon for one in some] for some in (earlier, fresh)]
+    outlines = [[building.polygon for building in buildings] for buildings in (earlier, fresh)]
     for old, new in overlapping_groups(outlines[0], outlines[1], blocks):
         before, after = models_of(earlier, old), models_of(fresh, new)
-        whole = old and new and (len(before), len(after)) == (len(old), len(new))
-        if whole and all(earlier[k].owner in owners for k in old) and is_confirmed(before, after):
+        all_modelled = old and new and (len(before), len(after)) == (len(old), len(new))
+        if all_modelled and all(earlier[k].owner in owners for k in old) and is_confirmed(before, after):
             stay.update(old)
             replaced.update(new)
     return (
-        [one for k, one in enumerate(earlier) if k not in stay],
-        [one for k, one in enumerate(fresh) if k not in replaced],
+        [building for k, building in enumerate(earlier) if k not in stay],
+        [building for k, building in enumerate(fresh) if k not in replaced],
         [earlier[k] for k in sorted(stay)],
     )
 
 
-def models_of(some: Sequence[Placed], numbers: Sequence[int]) -> list[BuildingModel]:
+def models_of(buildings: Sequence[Placed], numbers: Sequence[int]) -> list[BuildingModel]:
     """The models of buildings by their numbers; failures have none."""
-    outcomes = (some[k].result.outcome for k in numbers)
+    outcomes = (buildings[k].result.outcome for k in numbers)
     return [outcome for outcome in outcomes if isinstance(outcome, BuildingModel)]
 
 
 def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:
     """Number among `fresh` → number among `earlier` of the same building: the same id of a given footprint,
     or half of either outline in common, those with most in common first."""
-    by_id = {one.id: k for k, one in enumerate(earlier)}
+    by_id = {building.id: k for k, building in enumerate(earlier)}
     partners = {
-        k: by_id[one.id]
-        for k, one in enumerate(fresh)
-        if one.id in by_id
-        and shapely.intersects(one.polygon, earlier[by_id[one.id]].polygon)
-        and is_given(one)
+        k: by_id[building.id]
+        for k, building in enumerate(fresh)
+        if building.id in by_id
+        and shapely.intersects(building.polygon, earlier[by_id[building.id]].polygon)
+        and is_given(building)
     }
-    before, after = ([one.polygon for one in some] for some in (earlier, fresh))
+    before, after = ([building.polygon for building in buildings] for buildings in (earlier, fresh))
     shared = [
         (-area, earlier[j].id, k, j) for area, j, k in half_shared(before, after) if not is_given(fresh[k])
     ]
     return pair_off(((k, j) for _, _, k, j in sorted(shared)), partners)
 
 
-def is_given(one: Placed) -> bool:
+def is_given(building: Placed) -> bool:
     """True if a map gave the outline, and with it the id."""
-    footprint = one.result.outcome.footprint
+    footprint = building.result.outcome.footprint
     return footprint is not None and bool(footprint.attributes)
 
 
-def unused(name: str, used: set[str]) -> str:
+def unused(name: str, names: set[str]) -> str:
     """A name that no building has or had: the name itself, or with a number behind it."""
     number = 2
     free = name
-    while free in used:
+    while free in names:
         free, number = f"{name}_{number}", number + 1
     return free
 
@@ -202,19 +202,19 @@ def block_names(
 ) -> dict[str, str]:
     """Name of a detected block now → the name it keeps: that of the earlier block it shares most with."""
     shared: dict[tuple[str, str], float] = {}
-    for k, one in enumerate(fresh):
-        now = block_id(one)
-        if now == one.id:
+    for k, building in enumerate(fresh):
+        now = block_id(building)
+        if now == building.id:
             shared[now, names[k]] = np.inf
         elif now and k in partners and (old := block_id(earlier[partners[k]])):
-            area = one.polygon.area
+            area = building.polygon.area
             shared[now, old] = shared.get((now, old), 0.0) + area
     return pair_off(pair for pair, _ in sorted(shared.items(), key=lambda item: (-item[1], item[0])))
 
 
-def block_id(one: Placed) -> str:
+def block_id(building: Placed) -> str:
     """The detected block that a building is of."""
-    outcome = one.result.outcome
+    outcome = building.result.outcome
     return str(outcome.attributes.get("block_id") or "") if isinstance(outcome, BuildingModel) else ""
 
 
@@ -239,9 +239,9 @@ def versioned(
     return replace(result, outcome=outcome), False
 
 
-def same_outcome(one: BuildingModel | Failure, other: BuildingModel | Failure) -> bool:
+def same_outcome(first: BuildingModel | Failure, second: BuildingModel | Failure) -> bool:
     """True if two results are identical to the last bit."""
-    return pack(one) == pack(other)
+    return pack(first) == pack(second)
 
 
 def lines_of(path: Path) -> dict[str, str]:
@@ -318,8 +318,8 @@ def overlapping_groups(
     for number, block in enumerate(blocks):
         if block:
             pairs.append((first.setdefault(block, number), number))
-    one, other = np.reshape(np.array(pairs, np.int64), (-1, 2)).T
-    group = connected_groups_kernel(one, other, len(earlier) + len(fresh))
+    first_number, second_number = np.reshape(np.array(pairs, np.int64), (-1, 2)).T
+    group = connected_groups_kernel(first_number, second_number, len(earlier) + len(fresh))
     for numbers in members(group, int(group.max(initial=-1)) + 1):
         old = numbers < len(earlier)
         yield numbers[old].tolist(), (numbers[~old] - len(earlier)).tolist()

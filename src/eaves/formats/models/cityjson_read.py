@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from itertools import chain, groupby
 from operator import index
 from pathlib import Path
 from types import MappingProxyType
@@ -109,8 +109,10 @@ class CityObject:
 
     def _as_solid(self, faces: tuple[Face, ...], origin: tuple[float, float]) -> Solid:
         solid = Solid.of(self.vertices, faces)
-        used, corners = np.unique(solid.corners, return_inverse=True)
-        return replace(solid, vertices=self.vertices[used] - [*origin, 0.0], corners=corners)
+        used = np.zeros(len(self.vertices), bool)
+        used[solid.corners] = True
+        number = np.cumsum(used) - 1
+        return replace(solid, vertices=self.vertices[used] - [*origin, 0.0], corners=number[solid.corners])
 
 
 def read_cityjson(path: str | Path, crs: str | None = None) -> dict[str, CityObject]:
@@ -403,7 +405,8 @@ def _face(
     rings: list[list[int]], value: int | None, surfaces: tuple[dict[str, Any], ...], vertex_count: int
 ) -> Face:
     numbers = tuple(tuple(map(index, ring)) for ring in rings)
-    if any(ring and not (min(ring) >= 0 and max(ring) < vertex_count) for ring in numbers):
+    corners = list(chain.from_iterable(numbers))
+    if corners and not 0 <= min(corners) <= max(corners) < vertex_count:
         raise ValueError(f"has a face that points outside the {vertex_count} vertices")
     if value is not None and not 0 <= value < len(surfaces):
         raise ValueError(f"has a face with semantics {value} of {len(surfaces)}")

@@ -144,11 +144,6 @@ def write_classified(
             writer.write_evlrs(header.evlrs)
 
 
-def is_classified(name: str) -> bool:
-    """True if a file of a run holds its classified points; copies as COPC are derived from it."""
-    return name.startswith("classified") and name.endswith((".laz", ".las")) and ".copc." not in name
-
-
 def name_system(header: laspy.LasHeader, source: Source) -> None:
     """Add the system that the run was given to the header of a file that states none. Point formats before 6
     hold those with a code alone."""
