@@ -21,7 +21,6 @@ from eaves.simulate.objects.roofs import flat
 from eaves.simulate.objects.streets import Placement, Plot, lay_streets
 from eaves.simulate.objects.surfaces import (
     Corridor,
-    Foliage,
     ScannedSurfaces,
     Terrain,
     cut_corridor,
@@ -202,14 +201,7 @@ def simulate_old_town(area_km2: float = 0.04, seed: int = 0) -> OldTown:
     for ground in grounds:
         plant(ground.plot, ground.rng)
         site.furnish(ground.plot, 1.0, 2.5, ground.rng)
-    town = Town(
-        bounds,
-        site.terrain,
-        tuple(site.buildings),
-        ScannedSurfaces.join(site.surfaces),
-        Foliage.join(site.leaves),
-    )
-    return OldTown(town, tuple(level for ground in grounds for level in ground.levels))
+    return OldTown(site.finish(), tuple(level for ground in grounds for level in ground.levels))
 
 
 def in_finer_nodes(terrain: Terrain) -> Terrain:

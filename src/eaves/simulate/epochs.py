@@ -23,7 +23,7 @@ from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene, Mass
 from eaves.simulate.objects.roofs import make_building
 from eaves.simulate.objects.streets import TownStyle, draw_block
-from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, TerrainKind
+from eaves.simulate.objects.surfaces import TerrainKind
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.town import APART, RIM, BuildingSite, Town, lay_site, put_extras
 
@@ -182,16 +182,7 @@ def simulate_epochs(
             epoch_site.furnish(replace(plot, cars=cars), trees, leaf_loss[epoch], rng)
         if clutter:
             epoch_site.install(seed)
-        surfaces = ScannedSurfaces.join([*epoch_site.surfaces, *extras])
-        towns.append(
-            Town(
-                site.bounds,
-                site.terrain,
-                tuple(epoch_site.buildings),
-                surfaces,
-                Foliage.join(epoch_site.leaves),
-            )
-        )
+        towns.append(epoch_site.finish(extras))
     return Epochs(towns[0], towns[1], tuple(_told(change, *pair) for change, pair in pairs))
 
 

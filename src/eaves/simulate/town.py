@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -176,13 +177,7 @@ def simulate_town(
             area_km2,
         )
     extras = put_extras(bounds, ground, corridor, np.random.default_rng([seed, 36]))
-    return Town(
-        bounds,
-        ground,
-        tuple(built.buildings),
-        ScannedSurfaces.join([*built.surfaces, *extras]),
-        Foliage.join(built.leaves),
-    )
+    return built.finish(extras)
 
 
 def lay_site(
@@ -285,6 +280,11 @@ class BuildingSite:
     def floor_of(self, outline: Polygon) -> float:
         """The level (m) that a building stands on: three quarters of the ground around it lie lower."""
         return float(np.quantile(self.levels_around(outline), 0.75))
+
+    def finish(self, extras: Sequence[ScannedSurfaces] = ()) -> Town:
+        """The town of all that was built and planted, and of `extras`."""
+        surfaces = ScannedSurfaces.join([*self.surfaces, *extras])
+        return Town(self.bounds, self.terrain, tuple(self.buildings), surfaces, Foliage.join(self.leaves))
 
     def add(self, building: ExactBuilding) -> None:
         """Put up a building that is drawn, where it stands."""
