@@ -58,6 +58,17 @@ def test_corners_are_those_of_the_truth__10_points_per_m2(shape: Polygon, turn: 
     assert abs(drawn.area - truth.area) / truth.length < 0.05
 
 
+def test_outlines_through_half_of_the_points_agree_the_better_the_more_there_are() -> None:
+    def agreement(density: float) -> float:
+        boundary = trace_outline(scanned(L_SHAPE, density), density**-0.5)
+        assert isinstance(boundary, Boundary)
+        footprint = regularise_outlines([boundary])[0]
+        assert isinstance(footprint, Footprint) and footprint.agreement is not None
+        return footprint.agreement
+
+    assert agreement(0.4) < 0.95 < 0.97 < agreement(10.0) <= 1.0
+
+
 def test_oblique_walls_are_not_squared() -> None:
     drawn = outlined(scanned(OBLIQUE, 10.0), 10.0)
     assert corner_count(drawn) == 4

@@ -551,14 +551,10 @@ def test_two_runs_side_by_side_turn_together(browser: Browser, nine_run: Summary
         origin=(left.origin[0] - away[0], left.origin[1] - away[1]),
         rows=left.rows[::-1],
         polygons=[shapely.transform(shape, lambda xy: xy + away) for shape in left.polygons[::-1]],
-        faces=CityFaces.of(
-            CityFace(
-                tuple(ring + [*away, 0.0] for ring in face.rings),
-                len(left.rows) - 1 - face.building,
-                face.lod,
-                face.kind,
-            )
-            for face in left.faces
+        faces=replace(
+            left.faces,
+            table=replace(left.faces.table, corners=left.faces.table.corners + [*away, 0.0]),
+            building=len(left.rows) - 1 - left.faces.building,
         ),
     )
     page = tmp_path / "beside.html"

@@ -45,7 +45,7 @@ def test_what_is_worth_most_stands_first_and_what_nobody_can_see_is_left_out() -
             building(id="large", side=40.0, supported_share=0.6),
             building(id="worse", supported_share=0.1),
             building(id="row", wall_certainty=0.3),
-            building(id="notched", box_share=0.7),
+            building(id="steady", outline_agreement=0.95),
         ]
     )
     assert [row.attributes["id"] for row in rows] == ["large", "worse"]
@@ -86,6 +86,7 @@ def test_what_has_the_form_of_trailers_may_be_some(
         ({"supported_share": 0.3}, "supported"),
         ({"inlier_share": 0.6}, "within 0.2 m"),
         ({"share_no_data": 0.98}, "has no points"),
+        ({"outline_agreement": 0.7}, "half of its boundary points"),
     ],
 )
 def test_each_fault_lowers_the_trust_and_is_said(worse: dict[str, float], word: str) -> None:

@@ -86,6 +86,9 @@ class Footprint:
         Confidence of the detector, 0 to 1.
     attributes : dict
         Further columns of the footprint.
+    agreement : float or None
+        Mean intersection over union, 0 to 1, with the outlines drawn through every second point of the
+        boundary; None for an outline that was not drawn from points.
 
     Examples
     --------
@@ -100,6 +103,7 @@ class Footprint:
     id: str = ""
     score: float = 1.0
     attributes: dict[str, Any] = field(default_factory=dict)
+    agreement: float | None = None
 
     def __post_init__(self) -> None:
         # A precision grid is lost when a polygon is sent to another process, and overlays round to it: the

@@ -164,7 +164,9 @@ def regularise_outlines(
     Returns
     -------
     list of Footprint or Failure
-        One for each boundary, in their order.
+        One for each boundary, in their order. How far an outline can be relied on is its `agreement` with
+        those drawn through either half of the boundary points: the reliability of split halves
+        [spearman1910].
 
     Raises
     ------
@@ -192,17 +194,35 @@ def regularise_outlines(
     results: list[Footprint | Failure] = []
     with naming(outliner):
         polygons = outliner.regularise(boundaries, emitter(debug))
+        halves = [outliner.regularise([half_of(one, k) for one in boundaries], ignore) for k in range(2)]
     held = isinstance(polygons, list) and len(polygons) == len(boundaries)
     held = held and all(isinstance(one, Polygon | Failure) for one in polygons)
     rule = f"a list of {len(boundaries)} Polygons or Failures, one a boundary"
     check_returned(outliner, held, rule, polygons)
-    for boundary, polygon in zip(boundaries, polygons, strict=True):
+    for boundary, polygon, *redrawn in zip(boundaries, polygons, *halves, strict=True):
         if isinstance(polygon, Failure):
             results.append(polygon)
             continue
         whole = as_polygon(polygon)
         if whole is None:
             results.append(Failure("no_area", "the outline encloses no area", "outline"))
-        else:
-            results.append(Footprint(shapely.orient_polygons(whole), boundary.origin))
+            continue
+        agreement = float(np.mean([common_share(whole, half) for half in redrawn]))
+        results.append(Footprint(shapely.orient_polygons(whole), boundary.origin, agreement=agreement))
     return results
+
+
+def half_of(boundary: Boundary, first: int) -> Boundary:
+    """The boundary with every second point of its rings, from number `first` on; short rings are left whole."""
+    long = 2 * MIN_POINTS
+    rings = tuple(ring[first::2] if len(ring) >= long else ring for ring in boundary.rings)
+    return replace(boundary, rings=rings)
+
+
+def common_share(polygon: Polygon, redrawn: Polygon | Failure) -> float:
+    """Intersection over union with an outline drawn again; 0 where that has no area."""
+    other = None if isinstance(redrawn, Failure) else as_polygon(redrawn)
+    if other is None:
+        return 0.0
+    common = polygon.intersection(other).area
+    return float(common / (polygon.area + other.area - common))

@@ -1,8 +1,8 @@
 """The signs of a party wall along a line across a row, in the points on both sides of it.
 
 Every sign is a continuous function of the points: they count for the nodes around them by their nearness, and
-what they show passes from one side of a limit to the other. So neither where a row begins nor a millimetre
-decides.
+what they show passes from one side of a limit to the other; and it is the mean over four places of the steps
+and lines. So neither where a row begins nor a millimetre decides.
 """
 
 from __future__ import annotations
@@ -30,8 +30,16 @@ WIDE = 3
 CROSSING_M = 0.6
 """Planes that cross this near (m) to a place meet there in a fold and make no step."""
 
+LEAST_REMAINDER = 0.001
+"""Share of a side that further windows are not asked about."""
+
 LEAST_SPREAD = 0.003
 """Variance (m²) of points along a direction, added to theirs: if they have no more they show no slope."""
+
+PLACEMENTS = ((-0.375, 0.0), (-0.125, 0.5), (0.125, 0.25), (0.375, 0.75))
+"""Parts of a step and of a line by which they are moved, along and across the row: signs are the mean over
+all, for what a row shows does not depend on where it begins.
+"""
 
 PATCH_M = 1.5
 """Side of the squares in which the noise of the roofs is measured: most of them lie on one plane."""
@@ -62,15 +70,19 @@ def roof_noise(points: Points) -> float:
 
 def wall_signs(row: HouseRow, points: Points, noise: float) -> Values:
     """The signs (S + 1, 3) of a wall at each step along the row, from its roof points (N, 3): the share
-    of its depth that steps, the mean folds (slopes) of valleys and of ridges."""
+    of its depth that steps, the mean folds (slopes) of valleys and of ridges; means over `PLACEMENTS`."""
     s, t = row.coordinates(points[:, :2])
     filled = row.last > row.first
-    low = float(row.first[filled].min()) - DEPTH_STEP_M
-    depths = int((row.last.max() - low) / DEPTH_STEP_M) + 2
-    line = low + np.arange(depths) * DEPTH_STEP_M
-    moments = moments_kernel(s, t - low, points[:, 2], depths, len(row.first))
-    within = np.minimum(line[:, None] - row.first, row.last - line[:, None]) / DEPTH_STEP_M + 0.5
-    return np.asarray(signs_kernel(moments, np.clip(within, 0.0, 1.0), round(WINDOW_M / CELL_M), noise))
+    nearest = float(row.first[filled].min()) - DEPTH_STEP_M
+    signs = np.zeros((len(row.first) + 1, 3))
+    for along, across in PLACEMENTS:
+        low = nearest - across * DEPTH_STEP_M
+        depths = int((row.last.max() - low) / DEPTH_STEP_M) + 2
+        line = low + np.arange(depths) * DEPTH_STEP_M
+        moments = moments_kernel(s - along * CELL_M, t - low, points[:, 2], depths, len(row.first))
+        within = np.minimum(line[:, None] - row.first, row.last - line[:, None]) / DEPTH_STEP_M + 0.5
+        signs += signs_kernel(moments, np.clip(within, 0.0, 1.0), round(WINDOW_M / CELL_M), noise)
+    return signs / len(PLACEMENTS)
 
 
 WEIGHTS = {"one": -4.7, "share": 6.13, "ridge": -12.59, "full valley": 3.03}
@@ -142,6 +154,8 @@ def side_kernel(
     """
     remainder, count, height, slope = 1.0, 0.0, 0.0, 0.0
     for attempt in range(6):
+        if remainder < LEAST_REMAINDER:
+            break
         width, gap = room >> (attempt % 3), 1 if attempt < 3 else WIDE
         low, high = (at - gap - width, at - gap) if way < 0 else (at + gap, at + gap + width)
         low, high = max(low, 0), min(high, len(sums) - 1)
