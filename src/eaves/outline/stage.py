@@ -213,7 +213,7 @@ def regularise_outlines(
 
 
 def half_of(boundary: Boundary, first: int) -> Boundary:
-    """The boundary with every second point of its rings, from number `first` on; short rings are left whole."""
+    """The boundary with every second point of its rings from number `first` on; short rings stay whole."""
     long = 2 * MIN_POINTS
     rings = tuple(ring[first::2] if len(ring) >= long else ring for ring in boundary.rings)
     return replace(boundary, rings=rings)
