@@ -29,8 +29,7 @@ from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.flow.step import Region
 from eaves.flow.tiles import WHOLE, Area, areas, leave
 from eaves.formats.atomic import clear_leftovers, report_full_disk
-from eaves.model import Block, BuildingModel, CoordinateSystem, Failure
-from eaves.model.provenance import Provenance
+from eaves.model import Block, BuildingModel, CoordinateSystem, Failure, Provenance
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import BUILDINGS

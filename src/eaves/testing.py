@@ -14,9 +14,20 @@ from numpy.typing import NDArray
 from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
 from eaves.methods import CONTRACTS, Method, check_contract
-from eaves.model import Block, BuildingModel, Failure, Footprint, PointCloud, Points, Scene
+from eaves.model import (
+    BUILDING,
+    GROUND,
+    UNCLASSIFIED,
+    Block,
+    BuildingModel,
+    Failure,
+    Footprint,
+    PointCloud,
+    Points,
+    Scene,
+)
 from eaves.model.checks import error_line
-from eaves.model.cloud import BUILDING, GROUND, UNCLASSIFIED, canonical_order
+from eaves.model.cloud import canonical_order
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import scene_of
 from eaves.reconstruct import reconstruct_building

@@ -15,12 +15,24 @@ from eaves.detect import detect_buildings
 from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import Patch
-from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
-from eaves.model.block import SEAM
-from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
-from eaves.model.doubt import Doubt
+from eaves.model import (
+    BRIDGE_DECK,
+    GROUND,
+    HIGH_NOISE,
+    SEAM,
+    WIRE,
+    WIRE_TOWER,
+    Block,
+    Bounds,
+    Doubt,
+    Mask,
+    PointCloud,
+    Points,
+    Raster,
+    Regions,
+    Scene,
+)
 from eaves.model.results import BlockResult
-from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow

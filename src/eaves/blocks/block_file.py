@@ -11,9 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model import Block, Bounds, Labels, Points, Raster
-from eaves.model.cloud import BUILDING, GRID_STEP, GROUND, NOISE_CLASSES
-from eaves.model.doubt import Doubt
+from eaves.model import (
+    BUILDING,
+    GRID_STEP,
+    GROUND,
+    NOISE_CLASSES,
+    Block,
+    Bounds,
+    Doubt,
+    Labels,
+    Points,
+    Raster,
+)
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
 from eaves.run.part_file import open_part, packed, unpack

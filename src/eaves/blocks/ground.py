@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from eaves.ground import classify_ground
 from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
-from eaves.model import Block, Bounds, Mask, PointCloud
+from eaves.model import GRID_STEP, GROUND, NOISE_CLASSES, UNCLASSIFIED, Block, Bounds, Mask, PointCloud
 from eaves.model.block import extremes
-from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES, UNCLASSIFIED
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow
 from eaves.run.store import SECONDS

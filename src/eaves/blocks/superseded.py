@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model import Block, Mask
-from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
+from eaves.model import GRID_STEP, NOISE_CLASSES, Block, Mask
 from eaves.raster.groups import closed_by_square
 from eaves.run.store import join_records
 

@@ -16,8 +16,8 @@ from eaves.blocks.block_file import BlockFile, Candidates
 from eaves.buildings.join import BuildingPlan, OwnedBuildings
 from eaves.footprints.snap import snap_footprints
 from eaves.geometry.neighbours import thin
-from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
-from eaves.model.cloud import GRID_STEP, snap
+from eaves.model import GRID_STEP, Block, Bounds, Failure, Footprint, Points, Raster
+from eaves.model.cloud import snap
 from eaves.model.results import BuildingPoints
 from eaves.model.scene import WALL
 from eaves.raster.surfaces import CELL

@@ -25,6 +25,7 @@ from eaves.footprints.addresses import split_buildings
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.methods import ContractError, check_returned, naming
 from eaves.model import (
+    OVERHANGS,
     Block,
     Boundary,
     Bounds,
@@ -36,7 +37,6 @@ from eaves.model import (
     Raster,
     RoofPlane,
 )
-from eaves.model.building import OVERHANGS
 from eaves.model.checks import error_line, is_array
 from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult

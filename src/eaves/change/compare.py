@@ -33,8 +33,7 @@ from eaves.change.verdict import ChangeRules, Verdict, judge_building
 from eaves.figures.party_walls import PARTY_GAP
 from eaves.flow.advice import STRIP_CELL
 from eaves.flow.run import Progress, no_progress
-from eaves.model import Block, Bounds, PointCloud, Points
-from eaves.model.cloud import NOISE_CLASSES
+from eaves.model import NOISE_CLASSES, Block, Bounds, PointCloud, Points
 
 BESIDE_M = 1.5
 """Largest distance (m) of a part that no run found from its building."""

@@ -20,8 +20,7 @@ from eaves.change.shift import TRIM
 from eaves.change.surface import point_planes
 from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, patches_of
 from eaves.flow.advice import STRIP_CELL
-from eaves.model import Mask, PointCloud, Points, Values
-from eaves.model.cloud import BUILDING, GROUND, NOISE_CLASSES
+from eaves.model import BUILDING, GROUND, NOISE_CLASSES, Mask, PointCloud, Points, Values
 
 MOSTLY = 0.6
 """Where a roof that the run did not find stands, this share of the high points lies on planes."""

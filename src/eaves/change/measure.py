@@ -15,8 +15,7 @@ from eaves.change.surface import nearest_distances, point_planes
 from eaves.flow.advice import FEWEST, STRIP_CELL
 from eaves.flow.run import Progress
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Block, PointCloud
-from eaves.model.cloud import BUILDING, GROUND
+from eaves.model import BUILDING, GROUND, Block, PointCloud
 
 REACH = 6.0
 """Width of the surroundings of a block that its points are faced with (m): more than any radius."""

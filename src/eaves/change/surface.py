@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from eaves.detect.toolkit.cells import Cells
 from eaves.geometry.planes import local_planes
 from eaves.kernels import kernel
-from eaves.model import Integers, Mask, Points, Values
-from eaves.model.cloud import BUILDING, GROUND
+from eaves.model import BUILDING, GROUND, Integers, Mask, Points, Values
 
 UNSEEN, SAME, GROUND_BELOW, ROOF_BELOW, ROOF_ABOVE, OTHER_BELOW, HIDDEN = range(7)
 """State of a roof point in the other epoch: nothing; the same surface; the ground, another roof or

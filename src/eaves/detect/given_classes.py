@@ -10,8 +10,7 @@ from eaves.detect.stage import Detector
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.surface_grid import connected
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Regions, Scene
-from eaves.model.cloud import BUILDING
+from eaves.model import BUILDING, Regions, Scene
 from eaves.model.scene import ROOF
 
 

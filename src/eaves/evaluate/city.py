@@ -16,9 +16,7 @@ from eaves.formats.models.cityjson_read import has_corners
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.roof_fit import RoofFaces
-from eaves.model import CoordinateSystem, Points
-from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import GROUND_SURFACE, LOCAL_METRES, ROOF_SURFACE, CoordinateSystem, Points
 
 FLATTEST = 0.02
 """Upward share of a normal over which a face without a known surface type counts as a roof."""

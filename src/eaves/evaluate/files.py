@@ -30,9 +30,7 @@ from eaves.evaluate.scores import Agreement
 from eaves.formats import InputError, read, read_polygons
 from eaves.formats.vectors.vector_files import checked_vector
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Integers, Mask, PointCloud, Points, Raster, Values
-from eaves.model.cloud import BUILDING, GROUND
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import BUILDING, GROUND, LOCAL_METRES, Integers, Mask, PointCloud, Points, Raster, Values
 from eaves.validate import validate_file
 
 

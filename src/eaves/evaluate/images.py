@@ -17,9 +17,17 @@ from eaves.evaluate.city import read_buildings
 from eaves.evaluate.detection import label_objects
 from eaves.formats import InputError, read, read_polygons, read_raster
 from eaves.geometry.roof_fit import RoofFaces
-from eaves.model import Bounds, CoordinateSystem, Integers, Mask, PointCloud, Raster, Values
-from eaves.model.cloud import BUILDING
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import (
+    BUILDING,
+    LOCAL_METRES,
+    Bounds,
+    CoordinateSystem,
+    Integers,
+    Mask,
+    PointCloud,
+    Raster,
+    Values,
+)
 from eaves.raster.grid import cell_centres, empty_raster, highest_points, whole_cells
 
 CELL = 0.5

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats.atomic import atomic
-from eaves.model import CoordinateSystem, Raster
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES, CoordinateSystem, Raster
 
 COLOURS = {1: (60, 160, 60, 255), 2: (60, 90, 200, 255), 3: (210, 60, 50, 255), 255: (200, 200, 200, 255)}
 """Of the map: found green, missed blue, false red, unknown grey."""

@@ -13,8 +13,7 @@ from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.points.sample import Sample, read_sample
 from eaves.geometry.percentiles import group_percentiles
-from eaves.model import Points
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES, Points
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 

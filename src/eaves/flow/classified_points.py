@@ -23,9 +23,7 @@ from eaves.formats import InputError, write_classified
 from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
 from eaves.formats.points.classified import SUPERSEDED, UNCHANGED
-from eaves.model import BLOCK_SIDE, Block
-from eaves.model.cloud import BUILDING
-from eaves.model.provenance import Provenance
+from eaves.model import BLOCK_SIDE, BUILDING, Block, Provenance
 from eaves.run.index import Index
 from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
 from eaves.run.keys import key_of, package_sources

@@ -22,10 +22,9 @@ from eaves.formats.inputs import is_classified
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.formats.vectors.polygons import read_upright
-from eaves.model import BuildingModel, CoordinateSystem, Failure
+from eaves.model import BuildingModel, CoordinateSystem, Failure, Provenance
 from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
-from eaves.model.provenance import Provenance
 from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest, set_aside, work_of_persons
 
 Writer = Callable[..., object]

@@ -17,8 +17,7 @@ from eaves.figures.rows import BuildingRow
 from eaves.figures.trust import has_defect, judge, lacks_model
 from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row
-from eaves.model import Block, CoordinateSystem
-from eaves.model.doubt import Doubt
+from eaves.model import Block, CoordinateSystem, Doubt
 from eaves.run.world_squares import WIDE_SQUARE
 
 REVIEW = "review.csv"

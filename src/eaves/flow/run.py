@@ -37,9 +37,7 @@ from eaves.formats.inputs import list_inputs
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
 from eaves.methods import DEFAULTS, MethodChoice
-from eaves.model import BLOCK_SIDE, Block, CoordinateSystem, Failure, Footprint
-from eaves.model.building import OVERHANGS
-from eaves.model.provenance import Provenance
+from eaves.model import BLOCK_SIDE, OVERHANGS, Block, CoordinateSystem, Failure, Footprint, Provenance
 from eaves.raster.surfaces import is_large
 from eaves.recipe.recipe import Recipe, is_named, make_recipe
 from eaves.recipe.sources import find_source

@@ -11,16 +11,17 @@ from eaves.detect import Detector
 from eaves.detect.stage import MIN_AREA_M2, MIN_HEIGHT_M
 from eaves.ground import GroundMethod
 from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
-from eaves.model.block import SEAM
-from eaves.model.building import LODS, OVERHANGS
-from eaves.model.cloud import (
+from eaves.model import (
     BRIDGE_DECK,
     BUILDING,
     GROUND,
     HIGH_VEGETATION,
+    LODS,
     LOW_VEGETATION,
     MEDIUM_VEGETATION,
     NOISE_CLASSES,
+    OVERHANGS,
+    SEAM,
     WATER,
     WIRE,
     WIRE_TOWER,

@@ -21,17 +21,7 @@ from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.models.meshes import SURFACES
 from eaves.geometry.roof_fit import RoofFaces, fit_roof
-from eaves.model import (
-    LOCAL_METRES,
-    Bounds,
-    CoordinateSystem,
-    Integers,
-    Mask,
-    Points,
-    Raster,
-    Values,
-)
-from eaves.model.building import LODS
+from eaves.model import LOCAL_METRES, LODS, Bounds, CoordinateSystem, Integers, Mask, Points, Raster, Values
 from eaves.model.scene import ROOF
 from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points

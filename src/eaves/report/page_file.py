@@ -23,8 +23,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Integers, Points, Raster, Values
-from eaves.model.building import LODS
+from eaves.model import LODS, Integers, Points, Raster, Values
 from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
 from eaves.report.basemap import fit_web_mercator

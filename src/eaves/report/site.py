@@ -26,8 +26,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, read_polygons
 from eaves.formats.atomic import atomic
-from eaves.model import Bounds, Integers, Values
-from eaves.model.building import LODS
+from eaves.model import LODS, Bounds, Integers, Values
 from eaves.report.contents import (
     Contents,
     base_of,

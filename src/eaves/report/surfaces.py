@@ -11,8 +11,7 @@ import numpy as np
 from eaves.formats import CityObject
 from eaves.formats.models.meshes import SURFACES
 from eaves.geometry.face_table import FaceTable
-from eaves.model import Integers, Mask, Points
-from eaves.model.building import LODS
+from eaves.model import LODS, Integers, Mask, Points
 
 UNKNOWN_ERROR = 65535
 """RMSE (mm) of a face that no points are known of: the largest whole number of two bytes."""

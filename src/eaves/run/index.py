@@ -20,8 +20,7 @@ from eaves.formats.crs_check import refuse_conflict, refuse_numbers
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.plausible import likely_systems, why_not_metres
 from eaves.formats.points.source import FIELDS, is_simulated, warn_without_system
-from eaves.model import Bounds, CoordinateSystem, Mask
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Mask
 
 log = logging.getLogger("eaves")
 

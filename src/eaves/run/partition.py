@@ -20,8 +20,8 @@ from shapely.geometry.base import BaseGeometry
 from eaves.formats import Chunk, InputError, Source, iter_chunks
 from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
-from eaves.model import Block, Bounds, Points
-from eaves.model.cloud import GRID_STEP, canonical_order
+from eaves.model import GRID_STEP, Block, Bounds, Points
+from eaves.model.cloud import canonical_order
 from eaves.run.index import Index, open_unchanged
 from eaves.run.keys import key_of, package_sources
 from eaves.run.store import Store

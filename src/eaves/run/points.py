@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Block, PointCloud, Points
-from eaves.model.cloud import GRID_STEP, PER_METRE
+from eaves.model import GRID_STEP, Block, PointCloud, Points
+from eaves.model.cloud import PER_METRE
 from eaves.run.store import RECORD, Store, map_records
 from eaves.run.world_squares import squares_touching
 

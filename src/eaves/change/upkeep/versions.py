@@ -27,8 +27,7 @@ from eaves.geometry.face_table import FaceTable
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.overlaps import half_shared, pair_off
 from eaves.geometry.roof_fit import RoofFaces, highest_faces
-from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure, Mask, Points, Values
-from eaves.model.building import ROOF_SURFACE
+from eaves.model import BLOCK_SIDE, ROOF_SURFACE, Block, BuildingModel, Failure, Mask, Points, Values
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, NAMED
 from eaves.run.part_file import pack

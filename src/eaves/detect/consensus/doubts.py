@@ -8,8 +8,7 @@ from scipy import ndimage
 from eaves.detect.consensus.evidence import Evidence, groups_of
 from eaves.detect.stage import MIN_AREA_M2
 from eaves.methods import Method, parameter
-from eaves.model import Labels, Mask, Values
-from eaves.model.doubt import Doubt
+from eaves.model import Doubt, Labels, Mask, Values
 from eaves.raster.groups import grown_by_square
 
 STAGE = "detect"

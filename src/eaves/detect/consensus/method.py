@@ -29,8 +29,7 @@ from eaves.detect.consensus.windows import WindowRules
 from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Mask, Points, Regions, Scene, Values
-from eaves.model.cloud import WATER
+from eaves.model import WATER, Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
 
 CELL_SPACINGS, WIDE_CELL_M, LEAST_CELL_M = 1.4, 1.0, 0.5

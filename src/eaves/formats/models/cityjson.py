@@ -30,15 +30,17 @@ from eaves.formats.crs import name_units
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
+    ROOF_SURFACE,
+    WALL_SURFACE,
     BuildingModel,
     CoordinateSystem,
     Failure,
     Footprint,
+    Installation,
     Provenance,
     Solid,
     Values,
 )
-from eaves.model.building import ROOF_SURFACE, WALL_SURFACE, Installation
 from eaves.model.coordinates import describe_units
 
 log = logging.getLogger("eaves")

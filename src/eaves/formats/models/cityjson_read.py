@@ -23,6 +23,7 @@ from eaves.formats.points.chunk import FARTHEST
 from eaves.model import (
     BLOCK_SIDE,
     LOCAL_METRES,
+    LODS,
     BuildingModel,
     CoordinateSystem,
     Face,
@@ -32,7 +33,6 @@ from eaves.model import (
     Solid,
     Values,
 )
-from eaves.model.building import LODS
 
 REPAIR = "write it again, or check it with cjio or cjval"
 INSTALLATION = "BuildingInstallation"

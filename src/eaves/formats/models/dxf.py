@@ -18,6 +18,7 @@ from eaves.geometry.face_table import FaceTable
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
+    ROOF_SURFACE,
     BuildingModel,
     CoordinateSystem,
     Failure,
@@ -25,7 +26,6 @@ from eaves.model import (
     Points,
     Provenance,
 )
-from eaves.model.building import ROOF_SURFACE
 
 CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""

@@ -18,13 +18,13 @@ from eaves.formats.vectors.geopackage import PIECE_ROWS, Row, append_rows
 from eaves.geometry.face_table import FaceTable
 from eaves.model import (
     LOCAL_METRES,
+    LODS,
     NOTHING_KNOWN,
     BuildingModel,
     CoordinateSystem,
     Failure,
     Provenance,
 )
-from eaves.model.building import LODS
 
 KINDS: dict[str, type] = {"id": str, "surface": str, "area_m2": float, "face_count": int}
 

@@ -9,8 +9,17 @@ from itertools import chain, islice
 import numpy as np
 
 from eaves.geometry.face_table import FaceTable
-from eaves.model import BuildingModel, Failure, Integers, Points, Solid
-from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model import (
+    GROUND_SURFACE,
+    OUTER_CEILING_SURFACE,
+    ROOF_SURFACE,
+    WALL_SURFACE,
+    BuildingModel,
+    Failure,
+    Integers,
+    Points,
+    Solid,
+)
 
 SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE)
 COLOURS = {

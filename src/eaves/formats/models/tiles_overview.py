@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from eaves.formats.models.meshes import SURFACES, BuildingMesh, mesh_of_solids
-from eaves.model import BuildingModel, Face, Points, Solid
-from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
+from eaves.model import ROOF_SURFACE, WALL_SURFACE, BuildingModel, Face, Points, Solid
 
 NODE_PRISMS = 500
 """Most prisms of a node: 0.4 MB, and some 100 nodes are in sight at a time."""

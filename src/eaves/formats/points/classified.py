@@ -23,7 +23,7 @@ from eaves.formats.points.las import FIRST_LAYERED_FORMAT, iter_copied, iter_rec
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.source import CHUNK_POINTS, Source, has_coordinates
 from eaves.formats.points.text import iter_text
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")
 UNDATED = date(1, 1, 1)

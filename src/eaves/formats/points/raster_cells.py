@@ -18,7 +18,7 @@ from rasterio.windows import Window
 
 from eaves.formats.errors import InputError
 from eaves.formats.rasters.geotiff import system_of_raster
-from eaves.model.cloud import GROUND, UNCLASSIFIED
+from eaves.model import GROUND, UNCLASSIFIED
 
 RASTERS = (".tif", ".tiff")
 """Suffixes of the rasters that are read as points."""

@@ -18,8 +18,7 @@ from rasterio.transform import Affine
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import system_of
 from eaves.formats.errors import InputError
-from eaves.model import Bounds, CoordinateSystem, Mask, Raster
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Mask, Raster
 
 COG_OPTIONS: dict[str, Any] = {
     "driver": "COG",
