@@ -36,9 +36,9 @@ LEAST_REMAINDER = 0.001
 LEAST_SPREAD = 0.003
 """Variance (m²) of points along a direction, added to theirs: if they have no more they show no slope."""
 
-PLACEMENTS = ((-0.375, 0.0), (-0.125, 0.5), (0.125, 0.25), (0.375, 0.75))
+PLACEMENTS = ((-0.375, 0.0), (0.375, 0.0), (-0.125, 0.5), (0.125, 0.5))
 """Parts of a step and of a line by which they are moved, along and across the row: signs are the mean over
-all, for what a row shows does not depend on where it begins.
+all, for what a row shows depends neither on where it begins nor on the end that it is counted from.
 """
 
 PATCH_M = 1.5
