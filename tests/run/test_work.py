@@ -32,7 +32,7 @@ MOST = {
     "imported": 221,
     "ran": 174,
     "calls a building": 7120,
-    "kernel calls a building": 272,
+    "kernel calls a building": 285,
     "read": 5.0,
     "copied": 7.0,
     "sorted": 2.1,

@@ -215,7 +215,7 @@ def regularise_outlines(
 def half_of(boundary: Boundary, first: int) -> Boundary:
     """The boundary with every second point of its rings from number `first` on; short rings stay whole."""
     long = 2 * MIN_POINTS
-    rings = tuple(ring[first::2] if len(ring) >= long else ring for ring in boundary.rings)
+    rings = tuple(ring[first::2].copy() if len(ring) >= long else ring for ring in boundary.rings)
     return replace(boundary, rings=rings)
 
 
