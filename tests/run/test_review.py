@@ -86,7 +86,7 @@ def test_what_has_the_form_of_trailers_may_be_some(
         ({"supported_share": 0.3}, "supported"),
         ({"inlier_share": 0.6}, "within 0.2 m"),
         ({"share_no_data": 0.98}, "has no points"),
-        ({"outline_agreement": 0.7}, "half of its boundary points"),
+        ({"outline_agreement": 0.4}, "half of its boundary points"),
     ],
 )
 def test_each_fault_lowers_the_trust_and_is_said(worse: dict[str, float], word: str) -> None:

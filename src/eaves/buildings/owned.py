@@ -343,15 +343,18 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
-    """Figures of an outline that was not given: the sides of the least rectangle around it, the agreement of
-    the outline that its block was drawn with, and its share, but for walls to other units, without ground
-    within `FAR_M`."""
+    """Figures of an outline that was not given: its corners, sides of the least rectangle around it, the
+    share of that, or of the least circle, that it fills, the agreement of the outline of its block, and its
+    share, but for walls to other units, without ground within `FAR_M`."""
     polygon = footprint.polygon
     rectangle = polygon.minimum_rotated_rectangle
+    around = min(rectangle.area, shapely.minimum_bounding_circle(polygon).area)
     sides = np.hypot(*np.diff(shapely.get_coordinates(rectangle)[:3], axis=0).T)
     facts: dict[str, object] = {
         "width_m": round(float(sides.min()), 2),
         "length_m": round(float(sides.max()), 2),
+        "corners": sum(map(corner_count, shapely.get_rings(polygon))),
+        "box_share": round(float(polygon.area / around), 3),
     }
     block = footprint if building.block is None else building.block
     if block.agreement is not None:
@@ -367,6 +370,14 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)
         facts["hidden_share"] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
     return facts
+
+
+def corner_count(ring: shapely.LinearRing) -> int:
+    """The corners of a ring that turn by more than a curve does; at least those of a rectangle."""
+    side = np.diff(shapely.get_coordinates(ring), axis=0)
+    angle = np.arctan2(side[:, 1], side[:, 0])
+    turn = np.abs(np.mod(angle - np.roll(angle, 1) + np.pi, 2.0 * np.pi) - np.pi)
+    return max(int((turn > np.radians(BEND_DEG)).sum()), 4)
 
 
 def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> BuildingModel | Failure:

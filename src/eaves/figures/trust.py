@@ -11,8 +11,19 @@ from numpy.typing import NDArray
 HIGH, LOW = 0.75, 0.4
 """Least probability that a building is right for high, and for medium trust."""
 
-WEIGHTS = {"one": 2.19, "off": -5.67, "empty": -1.25, "hidden": -4.18, "unsteady": -8.42}
+WEIGHTS = {
+    "one": 1.67,
+    "off": -5.59,
+    "empty": -2.96,
+    "corners": -1.51,
+    "hidden": -5.12,
+    "notched": -1.91,
+    "unsteady": -5.61,
+}
 """Of the traits in the log-odds that a building is right; from `python -m benchmarks.accuracy.trust`."""
+
+HOUSE = float(np.log(4.0 / np.sqrt(100.0)))
+"""The corners for the size of a plain house of 100 m²."""
 
 DETAILED = "2.2"
 """At this level the whole roof is modelled; why there is no finer one says nothing of the roof."""
@@ -20,8 +31,8 @@ DETAILED = "2.2"
 LEAST_LOSS = 0.7
 """Log-odds that a trait must cost to be a reason: half of the odds."""
 
-DEFECT_LOSS = WEIGHTS["one"] - float(np.log(HIGH / (1.0 - HIGH)))
-"""Log-odds that a trait must cost to take a faultless building out of high trust by itself."""
+DEFECT_LOSS = WEIGHTS["one"] + WEIGHTS["corners"] * HOUSE - float(np.log(HIGH / (1.0 - HIGH)))
+"""Log-odds that a trait must cost to take a plain house out of high trust by itself."""
 
 SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
@@ -55,19 +66,24 @@ def is_vehicle(row: Mapping[str, Any]) -> bool:
 
 
 def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
-    """The traits (5,) that `WEIGHTS` weigh: 1, share of the roof points that are not near the roof,
-    share without data, share of the outline beside which no ground was seen, and how far it disagrees with
-    the outlines drawn through half of its boundary points.
+    """The traits (7,) that `WEIGHTS` weigh: 1, share of the roof points that are not near the roof,
+    share without data, logarithm of the corners over the root of the area, share of the outline beside which
+    no ground was seen, share of the least rectangle around it that is not filled, and how far it disagrees
+    with the outlines drawn through half of its boundary points.
 
-    An outline that was given is not judged: it counts as in sight and certain.
+    An outline that was given is not judged: it counts as a sure rectangle in sight, of the size of a house.
     """
-    inlier_share, agreement = (row.get(name) for name in ("inlier_share", "outline_agreement"))
+    inlier_share, corners, box, agreement = (
+        row.get(name) for name in ("inlier_share", "corners", "box_share", "outline_agreement")
+    )
     return np.array(
         [
             1.0,
             0.0 if inlier_share is None else 1.0 - inlier_share,
             row.get("share_no_data") or 0.0,
+            HOUSE if corners is None else np.log(corners / np.sqrt(max(row["area_m2"], 1.0))),
             row.get("hidden_share") or 0.0,
+            0.0 if box is None else 1.0 - box,
             0.0 if agreement is None else 1.0 - agreement,
         ]
     )
@@ -140,14 +156,13 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
 WORDS = {
     "off": "only {inlier_share:.0%} of its points lie within 0.2 m of the roof",
     "empty": "{share_no_data:.0%} of its plan has no points",
+    "corners": "{corners} corners on {area_m2:.0f} m²",
     "hidden": "no ground was seen beside {hidden_share:.0%} of its outline",
     "unsteady": "outlines through half of its boundary points agree with it by {outline_agreement:.0%} only",
 }
-"""The fault that a trait shows, in words."""
+"""The fault that a trait shows, in words. That an outline is no rectangle is none."""
 
-SMALL_DOUBTS = (
-    "no single reason: points off the roof, gaps in the points and how sure its outline is, together"
-)
+SMALL_DOUBTS = "no single reason: points off the roof, gaps in the points and its outline together"
 
 
 def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:

@@ -73,8 +73,12 @@ COLUMNS: dict[str, Column] = {
     "points": Column("Points", "", "number of points", int),
     "density": Column("Density", "points/m²", "points that decide over the area of the footprint"),
     "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
+    "corners": Column("Corners", "", "of the outline, where it was not given", int),
     "width_m": Column("Width", "m", "of the least rectangle around the outline, where it was not given"),
     "length_m": Column("Length", "m", "of the least rectangle around the outline, where it was not given"),
+    "box_share": Column(
+        "Share of the box", "", "of the least rectangle or circle around the outline, filled"
+    ),
     "outline_agreement": Column(
         "Agreement of the outline", "", "intersection over union with outlines of half of the boundary points"
     ),
@@ -205,7 +209,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("overhang_known_share", "open_share", "stands_free", "wall_certainty", "ground_source"),
         *("ground_distance_m", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
         *("free_wall_s_m2", "free_wall_w_m2", "envelope_m2", "envelope_per_volume"),
-        *("width_m", "length_m", "outline_agreement", "hidden_share"),
+        *("corners", "width_m", "length_m", "box_share", "outline_agreement", "hidden_share"),
     ),
     "roof_planes": (
         *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),
