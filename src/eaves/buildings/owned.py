@@ -360,7 +360,7 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
     if block.agreement is not None:
         facts["outline_agreement"] = round(block.agreement, 3)
     if building.ground_seen is not None:
-        outline = polygon if building.block is None else building.block.polygon
+        outline = block.polygon
         rim = shapely.get_coordinates(shapely.segmentize(polygon, CELL))
         rim = rim[shapely.distance(shapely.points(rim), outline.boundary) <= 0.5 * CELL]
         ground = cells_of(building.ground_seen)
