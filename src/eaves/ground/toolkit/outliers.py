@@ -112,15 +112,16 @@ def order_kernel(
 ) -> tuple[Integers, NDArray[np.int32]]:
     """The last fields of `Cells`: where each cell begins (rows · columns + 1), and the points by cell."""
     first, order = np.zeros(rows * columns + 2, np.int64), np.empty(len(xyz), np.int32)
+    cell = np.empty(len(xyz), np.int32)
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
-        first[row * columns + column + 2] += 1
-    for cell in range(rows * columns):
-        first[cell + 2] += first[cell + 1]
+        cell[i] = row * columns + column
+        first[cell[i] + 2] += 1
+    for number in range(rows * columns):
+        first[number + 2] += first[number + 1]
     for i in range(len(xyz)):  # once a cell is full, its begin has moved to that of the next
-        row, column = place_of(xyz, i, corner, side)
-        order[first[row * columns + column + 1]] = i
-        first[row * columns + column + 1] += 1
+        order[first[cell[i] + 1]] = i
+        first[cell[i] + 1] += 1
     return first[:-1], order
 
 
@@ -130,30 +131,35 @@ def mark_low_kernel(xyz: Points, cells: Cells, ring: Integers, depth: float, rea
     (m), round by round; a round judges all cells on the same surface.
     """
     rows, columns, away = cells.rows, cells.columns, 2 * ring.max()
-    lowest, limit = np.empty((rows, columns)), np.full((rows, columns), -np.inf)
-    changed = np.ones((rows, columns), np.bool_)
+    lowest, limit = empty_around(rows, columns, away), np.full((rows, columns), -np.inf)
+    changed, look = np.ones((rows, columns), np.bool_), np.ones((rows, columns), np.bool_)
+    steps, around = ring[:, 0] * lowest.shape[1] + ring[:, 1], np.empty(len(ring))
+    flat = lowest.ravel()
     while changed.any():
-        look = np.zeros((rows, columns), np.bool_)
         for row in range(rows):
             for column in range(columns):
                 if not changed[row, column]:
                     continue
-                lowest[row, column] = np.inf
+                least = np.inf
                 for k in range(cells.first[row * columns + column], cells.first[row * columns + column + 1]):
                     i = cells.order[k]
                     if xyz[i, 2] < limit[row, column]:
                         low[i] = True
                     if not low[i]:
-                        lowest[row, column] = min(lowest[row, column], xyz[i, 2])
-                top, left = max(0, row - away), max(0, column - away)
-                look[top : row + away + 1, left : column + away + 1] = True
+                        least = min(least, xyz[i, 2])
+                lowest[row + away, column + away] = least
+                if limit[row, column] > -np.inf:  # in the first round all cells are looked at
+                    top, left = max(0, row - away), max(0, column - away)
+                    look[top : row + away + 1, left : column + away + 1] = True
         changed[:] = False
         for row in range(rows):
             for column in range(columns):
-                z = lowest[row, column]
+                z = lowest[row + away, column + away]
                 if not look[row, column] or z == np.inf:
                     continue
-                level = level_around(lowest, row, column, ring, depth)
+                look[row, column] = False
+                cell = (row + away) * lowest.shape[1] + column + away
+                level = level_around(flat, cell, steps, depth, around)
                 limit[row, column] = 0.5 * (level + z)
                 changed[row, column] = level > -np.inf and are_covered(
                     xyz, cells, row, column, limit[row, column], reach, low
@@ -161,30 +167,36 @@ def mark_low_kernel(xyz: Points, cells: Cells, ring: Integers, depth: float, rea
 
 
 @kernel
-def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: float) -> float:
-    """The level that the surface around a cell (rows, columns) has there; -inf where that is no more than
+def level_around(lowest: Values, cell: int, steps: Integers, depth: float, around: Values) -> float:
+    """The level that the surface around a cell (of those in a row) has there; -inf where that is no more than
     `depth` (m) over its lowest point, or unknown.
 
-    A slope goes on: a cell of the ring counts as high as the surface is halfway to the cell across, but no
-    higher than where what falls from it to the cell twice as far leads back to. A plane is met as it is.
+    A slope goes on: a cell of the ring, `steps` (K,) of cells away, counts as high as the surface is halfway
+    to the cell across, but no higher than where what falls from it to the cell twice as far leads back to. A
+    plane is met as it is. `around` (K,) is written to.
     """
-    around, count, as_low, least = np.empty(len(ring)), 0, 0, lowest[row, column] + depth
-    for k in range(len(ring)):
-        z = height_at(lowest, row + ring[k, 0], column + ring[k, 1])
+    count, as_low, least = 0, 0, lowest[cell] + depth
+    for k in range(len(steps)):
+        z = lowest[cell + steps[k]]
         if z == np.inf:
             continue
-        beyond = height_at(lowest, row + 2 * ring[k, 0], column + 2 * ring[k, 1])
-        across = height_at(lowest, row - ring[k, 0], column - ring[k, 1])
+        beyond, across = lowest[cell + 2 * steps[k]], lowest[cell - steps[k]]
         z += max(0.0, min(z - beyond, 0.5 * (across - z)))
         around[count] = z
         count += 1
         as_low += z <= least
-        if as_low > len(ring) // RING_SHARE:
+        if as_low > len(steps) // RING_SHARE:
             return -np.inf
     if count == 0:
         return -np.inf
     level = float(np.sort(around[:count])[count // RING_SHARE])
     return level if level > least else -np.inf
+
+
+@kernel
+def empty_around(rows: int, columns: int, away: int) -> Values:
+    """Heights of cells (rows + 2 away, columns + 2 away), inf everywhere: cells, and none as far around."""
+    return np.full((rows + 2 * away, columns + 2 * away), np.inf)
 
 
 def without_pits(heights: Grid, depth: float) -> Grid:
@@ -198,10 +210,15 @@ def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
     """The surface (rows, columns), inf where there is none, without pits, and NaN for inf. A round judges the
     cells near those that changed, all on the same surface.
     """
-    filled, look, away = lowest.astype(np.float64), np.ones(lowest.shape, np.bool_), 2 * ring.max()
+    (rows, columns), away, look = lowest.shape, 2 * ring.max(), np.ones(lowest.shape, np.bool_)
+    wide = empty_around(rows, columns, away)
+    filled = wide[away : away + rows, away : away + columns]
+    filled[:] = lowest
+    steps, around, flat = ring[:, 0] * wide.shape[1] + ring[:, 1], np.empty(len(ring)), wide.ravel()
     while look.any():
         row, column = np.nonzero(look)
-        level = [level_around(filled, row[k], column[k], ring, depth) for k in range(len(row))]
+        cell = (row + away) * wide.shape[1] + column + away
+        level = [level_around(flat, cell[k], steps, depth, around) for k in range(len(row))]
         look[:] = False
         for k in range(len(row)):
             if level[k] > -np.inf:
@@ -209,14 +226,6 @@ def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
                 top, left = max(0, row[k] - away), max(0, column[k] - away)
                 look[top : row[k] + away + 1, left : column[k] + away + 1] = True
     return np.where(filled == np.inf, np.nan, filled)
-
-
-@inlined_kernel
-def height_at(lowest: Values, row: int, column: int) -> Any:
-    """The height of a cell (rows, columns), inf where there is none."""
-    if row < 0 or column < 0 or row >= lowest.shape[0] or column >= lowest.shape[1]:
-        return np.inf
-    return lowest[row, column]
 
 
 @kernel
@@ -283,9 +292,10 @@ def highest_kernel(xyz: Points, corner: Values, side: float, rows: int, columns:
     least = np.full((rows, columns), -np.inf)  # of each group, side by side: most points are under it
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
-        z, best = xyz[i, 2], above[row, column]
-        best[GROUP + 1] += 1
+        z = xyz[i, 2]
+        above[row, column, GROUP + 1] += 1
         if z > least[row, column]:
+            best = above[row, column]
             k = GROUP
             while k > 0 and best[k - 1] < z:
                 best[k] = best[k - 1]

@@ -463,7 +463,12 @@ def over_kernel(
 ) -> None:
     """Mark in `over` (N,) the points over the ceiling (H, W) of their cells."""
     rows, columns = ceiling.shape
-    for i in range(len(xyz)):
+    lowest = np.inf
+    for height in ceiling.ravel():
+        lowest = float(height) if height < lowest else lowest
+    for i in range(len(xyz) if lowest < np.inf else 0):
+        if xyz[i, 2] <= lowest:
+            continue
         column = (np.int64(np.rint(xyz[i, 0] / GRID_STEP)) + right) // side - west
         row = north - (np.int64(np.rint(xyz[i, 1] / GRID_STEP)) + up) // side
         if 0 <= row < rows and 0 <= column < columns and xyz[i, 2] > ceiling[row, column]:
