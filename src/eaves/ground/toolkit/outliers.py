@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eaves.geometry.neighbours import TABLE_CELLS, measure_spacing
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Grid, Integers, Mask, PointCloud, Points, Values
+from eaves.raster.grid import EMPTY
 
 SIDE_M, SIDE_SPACINGS = 1.0, 3.0
 """Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
@@ -79,8 +80,7 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
         cells = Cells(*place, *order_kernel(xyz, *place))
         mark_low_kernel(xyz, cells, ring_of(*RING), DEPTH_M * wide**2, reach, low)
     for shift in (0.0, 0.5):
-        place = cells_of(bounds, CELL_M * max(1.0, spacing), shift)
-        mark_high_kernel(xyz, *place[:2], ceiling_kernel(highest_kernel(xyz, *place)), high)
+        mark_high_kernel(xyz, *cells_of(bounds, CELL_M * max(1.0, spacing), shift), high)
     return low, high & ~low
 
 
@@ -285,52 +285,39 @@ def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -
 
 
 @kernel
-def highest_kernel(xyz: Points, corner: Values, side: float, rows: int, columns: int) -> Values:
-    """The highest `GROUP` + 1 heights of each cell, sorted, and its count: (rows, columns, GROUP + 2)."""
-    above = np.full((rows, columns, GROUP + 2), -np.inf)
-    above[:, :, GROUP + 1] = 0.0
-    least = np.full((rows, columns), -np.inf)  # of each group, side by side: most points are under it
+def mark_high_kernel(xyz: Points, corner: Values, side: float, rows: int, columns: int, high: Mask) -> None:
+    """Mark in `high` (N,) the points of high groups in cells (rows, columns), few of which rise over all
+    around.
+    """
+    top, number = -empty_around(rows, columns, 1), np.full((rows, columns), EMPTY)
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
-        z = xyz[i, 2]
-        above[row, column, GROUP + 1] += 1
-        if z > least[row, column]:
-            best = above[row, column]
-            k = GROUP
-            while k > 0 and best[k - 1] < z:
-                best[k] = best[k - 1]
-                k -= 1
-            best[k] = z
-            least[row, column] = best[GROUP]
-    return above
-
-
-@kernel
-def ceiling_kernel(above: Values) -> Values:
-    """Height of each cell (rows, columns) at and over which points are high."""
-    rows, columns = above.shape[0], above.shape[1]
-    ceiling = np.full((rows, columns), np.inf)
+        top[row + 1, column + 1] = max(top[row + 1, column + 1], xyz[i, 2])
+    level, count = np.empty(rows * columns), 0
     for row in range(rows):
         for column in range(columns):
-            occupied, top = 0, -np.inf
-            for r in range(max(0, row - 1), min(rows, row + 2)):
-                for c in range(max(0, column - 1), min(columns, column + 2)):
-                    if (r != row or c != column) and above[r, c, GROUP + 1] > 0:
-                        occupied, top = occupied + 1, max(top, above[r, c, 0])
-            best = above[row, column]
-            for size in range(min(GROUP, int(GROUP_SHARE * best[GROUP + 1])), 0, -1):
-                least = best[size - 1]
-                if occupied >= 3 and least - best[size] >= CELL_M and least >= top + CELL_M:
-                    ceiling[row, column] = least
-                    break
-    return ceiling
-
-
-@kernel
-def mark_high_kernel(xyz: Points, corner: Values, side: float, ceiling: Values, high: Mask) -> None:
-    """Mark in `high` (N,) the points at or over the ceilings (rows, columns) of their cells."""
-    lowest = ceiling.min()
+            around, here = top[row : row + 3, column : column + 3].copy(), top[row + 1, column + 1]
+            around[1, 1] = -np.inf
+            if (around > -np.inf).sum() >= 3 and here >= around.max() + CELL_M:
+                level[count], number[row, column] = around.max() + CELL_M, count
+                count += 1
+    if count == 0:
+        return
+    best, size, ceiling = np.full((count, GROUP + 1), -np.inf), np.zeros(count), np.full(count, np.inf)
     for i in range(len(xyz)):
-        if xyz[i, 2] >= lowest:
-            row, column = place_of(xyz, i, corner, side)
-            high[i] |= xyz[i, 2] >= ceiling[row, column]
+        k, z = number[place_of(xyz, i, corner, side)], xyz[i, 2]
+        if k == EMPTY:
+            continue
+        size[k] += 1
+        for rank in range(GROUP + 1):
+            if best[k, rank] < z:
+                best[k, rank], z = z, best[k, rank]
+    for k in range(count):
+        for members in range(min(GROUP, int(GROUP_SHARE * size[k])), 0, -1):
+            least = best[k, members - 1]
+            if ceiling[k] == np.inf and least - best[k, members] >= CELL_M and least >= level[k]:
+                ceiling[k] = least
+    for i in range(len(xyz)):
+        k = number[place_of(xyz, i, corner, side)]
+        if k != EMPTY:
+            high[i] |= xyz[i, 2] >= ceiling[k]

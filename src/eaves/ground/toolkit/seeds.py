@@ -150,44 +150,50 @@ def openings(values: Grid, radii: Iterable[int]) -> Iterator[Grid]:
 
 
 @kernel
+def least_of(first: Grid, second: Grid, third: Grid, fourth: Grid, least: Grid) -> None:
+    """Write the least of four values, one from each array (K,), into a fifth."""
+    for i in range(len(least)):
+        a = first[i] if first[i] < second[i] else second[i]
+        b = third[i] if third[i] < fourth[i] else fourth[i]
+        least[i] = a if a < b else b
+
+
+@kernel
 def extreme_in_squares_kernel(values: Grid, radius: int, sign: float) -> Grid:
     """The value within `radius` rows and columns of each cell (H, W) that is least times a `sign`: the lowest
     by 1, the highest by -1.
 
-    Along rows, then along columns, the minima of runs of 2, 4, 8 … cells are made from those of half as many;
-    two runs that overlap cover the window. The inner loops go along rows, which a processor does many cells
-    at a time.
+    Along rows, then along columns, the minima of runs of 4, 16 … cells are made from those of a quarter; four
+    runs that overlap cover the window. The inner loops go along rows, which a processor does many cells at a
+    time.
     """
-    rows, columns = values.shape
-    width = 2 * radius + 1
-    line, wider = np.empty(columns + 2 * radius, np.float32), np.empty(columns + 2 * radius, np.float32)
+    (rows, columns), width, reach = values.shape, 2 * radius + 1, 1
+    while 4 * reach <= width:
+        reach *= 4
+    second, third, last = min(reach, width - reach), min(2 * reach, width - reach), width - reach
+    line, longer = np.empty(columns + 2 * radius, np.float32), np.empty(columns + 2 * radius, np.float32)
     runs = np.full((rows + 2 * radius, columns), np.inf, np.float32)
     for row in range(rows):
-        line[:radius], line[radius + columns :] = np.inf, np.inf
-        line[radius : radius + columns] = sign * values[row]
-        span = 1
-        while 2 * span <= width:
-            ahead = line[span:]
-            for i in range(len(ahead)):
-                wider[i] = line[i] if line[i] < ahead[i] else ahead[i]
-            line, wider = wider, line
-            span *= 2
-        last, out = line[width - span :], runs[row + radius]
+        line[:], inside, here, run = np.inf, line[radius:], values[row], 1
         for column in range(columns):
-            out[column] = line[column] if line[column] < last[column] else last[column]
-    span = 1
-    while 2 * span <= width:
-        for row in range(len(runs) - span):
-            here, below = runs[row], runs[row + span]
-            for column in range(columns):
-                here[column] = here[column] if here[column] < below[column] else below[column]
-        span *= 2
-    lowest = np.empty((rows, columns), np.float32)
+            inside[column] = sign * here[column]
+        while run < reach:
+            ahead = line[3 * run :]
+            least_of(line, line[run:], line[2 * run :], ahead, longer[: len(ahead)])
+            line, longer, run = longer, line, 4 * run
+        least_of(line, line[second:], line[third:], line[last:], runs[row + radius])
+    taller, run = np.empty_like(runs), 1
+    while run < reach:
+        for row in range(len(runs) - 3 * run):
+            least_of(runs[row], runs[row + run], runs[row + 2 * run], runs[row + 3 * run], taller[row])
+        runs, taller, run = taller, runs, 4 * run
+    extreme = np.empty((rows, columns), np.float32)
     for row in range(rows):
-        first, last, out = runs[row], runs[row + width - span], lowest[row]
+        out = extreme[row]
+        least_of(runs[row], runs[row + second], runs[row + third], runs[row + last], out)
         for column in range(columns):
-            out[column] = sign * (first[column] if first[column] < last[column] else last[column])
-    return lowest
+            out[column] *= sign
+    return extreme
 
 
 class Opening(TerraceRules):
@@ -329,6 +335,6 @@ def stand_out_kernel(objects: Mask, surface: Grid, lower: Grid, rise: Grid, radi
     """Mark in `objects` (H, W) the cells of `surface` that rise over `lower`."""
     rows, columns = objects.shape
     for row in range(rows):
+        line, upper, low, most = objects[row], surface[row], lower[row], rise[row]
         for column in range(columns):
-            if surface[row, column] - lower[row, column] > rise[row, column] * radius:
-                objects[row, column] = True
+            line[column] |= upper[column] - low[column] > most[column] * radius
