@@ -212,19 +212,27 @@ def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
     """
     (rows, columns), away, look = lowest.shape, 2 * ring.max(), np.ones(lowest.shape, np.bool_)
     wide = empty_around(rows, columns, away)
-    filled = wide[away : away + rows, away : away + columns]
+    filled, flat = wide[away : away + rows, away : away + columns], wide.ravel()
     filled[:] = lowest
-    steps, around, flat = ring[:, 0] * wide.shape[1] + ring[:, 1], np.empty(len(ring)), wide.ravel()
-    while look.any():
-        row, column = np.nonzero(look)
-        cell = (row + away) * wide.shape[1] + column + away
-        level = [level_around(flat, cell[k], steps, depth, around) for k in range(len(row))]
-        look[:] = False
-        for k in range(len(row)):
-            if level[k] > -np.inf:
-                filled[row[k], column[k]] = level[k]
-                top, left = max(0, row[k] - away), max(0, column[k] - away)
-                look[top : row[k] + away + 1, left : column[k] + away + 1] = True
+    steps, around = ring[:, 0] * wide.shape[1] + ring[:, 1], np.empty(len(ring))
+    pit, level, count = np.empty((rows * columns, 2), np.int32), np.empty(rows * columns), 1
+    while count > 0:
+        count = 0
+        for row in range(rows):
+            for column in range(columns):
+                if not look[row, column] or filled[row, column] == np.inf:
+                    continue
+                look[row, column] = False
+                cell = (row + away) * wide.shape[1] + column + away
+                level[count] = level_around(flat, cell, steps, depth, around)
+                if level[count] > -np.inf:
+                    pit[count] = row, column
+                    count += 1
+        for k in range(count):
+            row, column = pit[k]
+            filled[row, column] = level[k]
+            top, left = max(0, row - away), max(0, column - away)
+            look[top : row + away + 1, left : column + away + 1] = True
     return np.where(filled == np.inf, np.nan, filled)
 
 
