@@ -99,9 +99,11 @@ def block_extent(notes: Sequence[BlockMetadata]) -> Bounds:
 
 def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     """A result as the arrays of its file."""
-    high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
-    low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
-    candidate = (result.label > 0) | high | low
+    excluded = np.zeros(256, bool)  # a class in each place
+    excluded[list(NOISE_CLASSES)] = True
+    usable = ~excluded[result.classification]
+    high = (result.height >= CANDIDATE_HEIGHT) & usable & (result.classification != GROUND)
+    candidate = (result.label > 0) | high | (result.keeps_low & usable)
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
     # what was found outside given footprints is a building, too, though it is not modelled
     classes = np.where(result.vegetation > 0, result.vegetation, result.classification)
