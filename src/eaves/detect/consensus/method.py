@@ -181,8 +181,9 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
         """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
-        z = scene.cloud.xyz[:, 2]
-        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(z.min(where=candidate, initial=z.max()))]
+        xyz = scene.cloud.xyz.copy()
+        z = xyz[:, 2]
+        z -= np.floor(z.min(where=candidate, initial=z.max()))
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
         evidence = gather_evidence(scene, xyz, candidate, side, self)

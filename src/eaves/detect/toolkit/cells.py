@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,14 +29,18 @@ class Cells:
     north: float
     shape: tuple[int, int]
     cell: NDArray[np.int64]
-    order: NDArray[np.int64]
     start: NDArray[np.int64]
 
     @classmethod
     def of(cls, xyz: Points, side: float, margin: int = 1) -> Cells:
         """Cells of the given side (m) that hold N > 0 points (N, 2 or 3), with `margin` empty ones around."""
-        first, last, shape, cell, order, start = sort_kernel(xyz, side, margin)
-        return cls(side, first * side, (last + 1) * side, shape, cell, order, start)
+        first, last, shape, cell, start = cells_kernel(xyz, side, margin)
+        return cls(side, first * side, (last + 1) * side, shape, cell, start)
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """The numbers (N,) of the points, cell by cell, ascending in each."""
+        return np.asarray(order_kernel(self.cell, self.start))
 
     def raster(self, values: NDArray[Any]) -> Raster:
         """Values of all cells, flat or (H, W), as a raster."""
@@ -93,26 +98,31 @@ def side_near(wanted: float) -> float:
 
 
 @kernel
-def sort_kernel(
+def cells_kernel(
     xyz: Points, side: float, margin: int
-) -> tuple[int, int, tuple[int, int], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[int, int, tuple[int, int], NDArray[np.int64], NDArray[np.int64]]:
     """The first column and the northernmost row, counted from the origin, and the rows and columns of the
-    cells that hold N > 0 points with a margin; cell (N,) of each point, the points (N,) cell by cell, and
-    where each cell's begin (cells + 1,)."""
-    column, line = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    cells that hold N > 0 points with a margin; cell (N,) of each point, and where the points of each begin
+    (cells + 1,) when they are put in order."""
+    cell, line = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
     for i in range(len(xyz)):
-        column[i], line[i] = int(np.floor(xyz[i, 0] / side)), int(np.floor(xyz[i, 1] / side))
-    first, last = column.min() - margin, line.max() + margin
-    rows, columns = last - line.min() + 1 + margin, column.max() - first + 1 + margin
-    cell, order = column, line
+        cell[i], line[i] = int(np.floor(xyz[i, 0] / side)), int(np.floor(xyz[i, 1] / side))
+    first, last = cell.min() - margin, line.max() + margin
+    rows, columns = last - line.min() + 1 + margin, cell.max() - first + 1 + margin
     start = np.zeros(rows * columns + 1, np.int64)
     for i in range(len(xyz)):
         cell[i] += (last - line[i]) * columns - first
         start[cell[i] + 1] += 1
     for k in range(rows * columns):
         start[k + 1] += start[k]
-    following = start[:-1].copy()
-    for i in range(len(xyz)):
+    return first, last, (rows, columns), cell, start
+
+
+@kernel
+def order_kernel(cell: NDArray[np.int64], start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """See `Cells.order`."""
+    order, following = np.empty(len(cell), np.int64), start[:-1].copy()
+    for i in range(len(cell)):
         order[following[cell[i]]] = i
         following[cell[i]] += 1
-    return first, last, (rows, columns), cell, order, start
+    return order
