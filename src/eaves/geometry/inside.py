@@ -33,7 +33,7 @@ def points_in_polygons(
     `points` are (N, 2 or 3), the edges of `count` polygons go from `start` to `end` (E, 2), all of a polygon
     together: `owner` (E,) ascends.
     """
-    order = np.argsort(points[:, 1])
+    order = np.argsort(points[:, 1], kind="stable")  # of runs that ascend, as points lie: twice as fast
     first = np.searchsorted(owner, np.arange(count + 1))
     x, y = points[order, 0], points[order, 1]
     point, polygon, sure = inside_kernel(x, y, start, end, first)
@@ -41,7 +41,7 @@ def points_in_polygons(
         edges = slice(first[polygon[number]], first[polygon[number] + 1])
         sure[number] = is_inside(x[point[number]], y[point[number]], start[edges], end[edges])
     point, polygon = order[point[sure]], polygon[sure]
-    order = np.argsort(point * count + polygon)
+    order = np.argsort(point * count + polygon, kind="stable")
     return point[order], polygon[order]
 
 
