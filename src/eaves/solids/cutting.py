@@ -7,7 +7,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.components import connected_groups_kernel, unite_kernel
+from eaves.geometry.components import connected_groups_kernel, members_kernel, unite_kernel
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import kernel
@@ -19,7 +19,6 @@ from eaves.solids.coverage import (
     SMALLEST_PART,
     Coverage,
     compact_kernel,
-    leaving_kernel,
     ring_order_kernel,
 )
 
@@ -151,9 +150,7 @@ def crossings_kernel(pieces: Values) -> tuple[Values, Integers, Integers]:
 
 
 @kernel
-def pieces_through_kernel(
-    nodes: Values, pieces: Values, reach: float
-) -> tuple[Integers, Integers, Integers]:
+def pieces_through_kernel(nodes: Values, pieces: Values, reach: float) -> tuple[Integers, Integers, Integers]:
     """The pieces (M, 4) divided at the nodes (V, 2) that they pass within a `reach`: the piece (K,) that each
     part is of, and the nodes (K,), (K,) that it joins."""
     order = np.argsort(nodes[:, 0], kind="mergesort")
@@ -230,8 +227,9 @@ def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -
 def rings_between_kernel(
     nodes: Values, start: Integers, end: Integers
 ) -> tuple[Integers, Integers, Integers, Integers, Values]:
-    """Starts and ends (H,) of the half-edges of pieces between nodes (V, 2), each twin H / 2 further on, these
-    ring by ring (H,), where rings start (R + 1,), and their areas (R,). Pieces that hang free are left out."""
+    """Starts and ends (H,) of the half-edges of pieces between nodes (V, 2), each twin H / 2 further on,
+    these ring by ring (H,), where rings start (R + 1,), and their areas (R,). Pieces that hang free are left
+    out."""
     edge = np.unique(np.minimum(start, end) * len(nodes) + np.maximum(start, end))
     while True:
         lower, upper, count = edge // len(nodes), edge % len(nodes), len(edge)
@@ -254,7 +252,7 @@ def rings_between_kernel(
 @kernel
 def next_clockwise_kernel(nodes: Values, start: Integers, end: Integers) -> Integers:
     """For each half-edge from `start` (H,) to `end` (H,) the next one clockwise that leaves the same node."""
-    leaving, first = leaving_kernel(start, len(nodes))
+    leaving, first = members_kernel(start, len(nodes))
     following, angle = np.empty_like(start), np.empty(len(start))
     for half in range(len(start)):
         step = nodes[end[half]] - nodes[start[half]]
