@@ -133,7 +133,8 @@ def rows_kernel(y: Values, south: float, per_m: float, rows: int) -> tuple[Integ
     row = np.empty(len(y), np.int64)
     for i in range(len(y)):
         row[i] = min(max(int((y[i] - south) * per_m), 0), rows - 1)
-    return members_kernel(row, rows)
+    order, opens = members_kernel(row, rows)
+    return order, opens
 
 
 def is_inside(x: float, y: float, start: Values, end: Values) -> bool:
