@@ -190,10 +190,7 @@ def thinned(building: BuildingPoints) -> BuildingPoints:
 
 def read_result(regions: Mapping[Block, BlockFile], block: Block, take: Callable[[BlockFile], T]) -> T | None:
     """Value that `take` reads from the result of a block; None where it failed or has no points."""
-    if block not in regions:
-        return None
-    with regions[block] as file:
-        return take(file)
+    return take(regions[block]) if block in regions else None
 
 
 def blocks_in(owner: Block, bounds: Bounds) -> list[Block]:

@@ -217,9 +217,8 @@ def gather_labels(
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
     for result in regions.values():
-        with result as file:
-            point_id = file.points()["point_id"]
-            classes, part = file["classification"], file["part"]
+        point_id = result.points()["point_id"]
+        classes, part = result["classification"], result["part"]
         classes[opened("building_id")[point_id] > 0] = BUILDING
         opened("classes")[point_id] = classes
         opened("part")[point_id] = part

@@ -277,11 +277,7 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
 
 def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     """The results that the join needs, of all blocks that could be computed."""
-    results = []
-    for result in results_of(REGIONS, region.store, sorted(blocks)).values():
-        with result as file:
-            results.append(Seam.read(file))
-    return results
+    return [Seam.read(result) for result in results_of(REGIONS, region.store, sorted(blocks)).values()]
 
 
 def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:

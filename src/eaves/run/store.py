@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +16,13 @@ from numpy.typing import NDArray
 from eaves.formats import InputError
 from eaves.model import Block, CoordinateSystem
 from eaves.run.keys import SUPERSEDED, Mark, key_of
-from eaves.run.part_file import is_whole_part, open_part, save_part
+from eaves.run.part_file import PartFile, is_whole_part, save_part
 
 log = logging.getLogger("eaves")
 
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 9
+FORM = 10
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -142,20 +141,19 @@ class Store:
 
     def path(self, step: str, unit: Block) -> Path:
         """The file of the result of a step for a block or a square."""
-        return self.folder / step / f"{unit.name}.npz"
+        return self.folder / step / f"{unit.name}.part"
 
     def has(self, step: str, unit: Block) -> bool:
         """True if the result exists."""
-        return os.path.exists(f"{self.folder}/{step}/{unit.name}.npz")
+        return os.path.exists(f"{self.folder}/{step}/{unit.name}.part")
 
     def array(self, step: str, unit: Block, name: str) -> NDArray[Any]:
         """An array of a result."""
-        with open_part(self.path(step, unit)) as file:
-            return np.asarray(file[name])
+        return PartFile(self.path(step, unit))[name]
 
     def units(self, step: str, side: float) -> list[Block]:
         """The blocks or squares of a side (m) that have results of a step, in order."""
-        names = [path.stem.split("_") for path in (self.folder / step).glob("*.npz")]
+        names = [path.stem.split("_") for path in (self.folder / step).glob("*.part")]
         return sorted(Block(int(column), int(row), side) for column, row in names)
 
     def mark(self, step: str, unit: Block) -> Mark | None:
@@ -196,10 +194,8 @@ class Store:
         """Keep a result with its mark, each whole or not at all."""
         path = self.path(step, unit)
         path.parent.mkdir(exist_ok=True)
-        save_part(path, arrays)
-        with zipfile.ZipFile(path) as file:
-            members = [(member.filename, member.CRC, member.file_size) for member in file.infolist()]
-        result_key = key_of([member for member in members if not member[0].startswith(SECONDS)])
+        table = save_part(path, arrays)
+        result_key = key_of({name: entry for name, entry in table.items() if name != SECONDS})
         nothing = key_of()
         mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, result_key)
         self._write_mark(step, unit, mark)
@@ -212,7 +208,7 @@ class Store:
 
     def remove(self, step: str, unit: Block) -> None:
         """Remove a result with its mark."""
-        for suffix in (".key", ".npz"):
+        for suffix in (".key", ".part"):
             self.path(step, unit).with_suffix(suffix).unlink(missing_ok=True)
 
     def keep_only(self, step: str, units: Iterable[Block]) -> None:
@@ -230,7 +226,7 @@ class Store:
                 shutil.rmtree(leftover)
             else:
                 leftover.unlink()
-        for path in sorted(self.folder.glob("*/*.npz")):
+        for path in sorted(self.folder.glob("*/*.part")):
             if not is_whole_part(path):
                 log.warning("%s: the part is damaged; it is computed again", path)
                 path.unlink()
