@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.model import Block, CoordinateSystem
-from eaves.run.keys import SUPERSEDED, Mark, key_of
+from eaves.run.keys import SUPERSEDED, THINNED, Mark, key_of
 from eaves.run.part_file import PartFile, is_whole_part, save_part
 
 log = logging.getLogger("eaves")
@@ -35,6 +35,8 @@ RECORD = np.dtype(
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner. Where methods
 need other fields of the points, `fields` (K,) holds them."""
+PIECE = 1_000_000
+"""Points of a block that are in memory at a time where nothing asks for all."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
@@ -124,7 +126,8 @@ class Store:
         return self.array(SUPERSEDED, block, "id") if self.has(SUPERSEDED, block) else np.zeros(0, np.int64)
 
     def read_points(self, block: Block) -> NDArray[np.void]:
-        """The records of all points in a block, by input and part of it, each part's in canonical order."""
+        """The records of the points in a block that methods see, by input and part of it, each part's in
+        canonical order."""
         return join_records(self.map_points(block))
 
     def scan_files(self, block: Block) -> list[tuple[int, Path]]:
@@ -134,7 +137,31 @@ class Store:
         ]
 
     def map_points(self, block: Block) -> list[NDArray[np.void]]:
-        """The records of a block's points, an array a file; of a file no more is read than is looked at."""
+        """The records of a block's points that methods see, an array a file: of a dense scan those that stand
+        for the others. Of a file no more is read than is looked at."""
+        part = self.thinned(block)
+        return [part.mapped("records").view(self.record)] if part else self.map_all(block)
+
+    def thinned(self, block: Block) -> PartFile | None:
+        """The points that stand for all of a dense scan in a block, with who stands for whom
+        (`eaves.blocks.thinned`); None or empty where all speak for themselves."""
+        return PartFile(self.path(THINNED, block)) if self.has(THINNED, block) else None
+
+    def followers(self, block: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint32]]]:
+        """The ids (K,) of all points of a dense scan in a block, piece by piece, and the numbers (K,) of what
+        stands for them; nothing where all speak for themselves."""
+        part, first = self.thinned(block), 0
+        if not part:
+            return
+        stands = part.mapped("stands")
+        for records in self.map_all(block):
+            for piece in np.split(records, range(PIECE, len(records), PIECE)):
+                yield piece["point_id"], stands[first : first + len(piece)]
+                first += len(piece)
+
+    def map_all(self, block: Block) -> list[NDArray[np.void]]:
+        """The records of all points in a block, an array a file; of a file no more is read than is looked
+        at."""
         files = map_records([path for _, path in self.scan_files(block)], self.record)
         ids = self.superseded(block)
         return [records[~np.isin(records["point_id"], ids)] for records in files] if len(ids) else files
