@@ -126,17 +126,13 @@ def try_building(
     """The answer of `building_pass` for all points, or what is left of a building where it raises: one must
     not take the others of its block with it."""
     try:
-        result = building_pass(building, footprint, recipe, unit_m, flat, check)
+        return building_pass(building, footprint, recipe, unit_m, flat, check)
     except ContractError:  # of a method that returns this no building can be right
         raise
     except Exception as error:
         log.warning("a building of block %s failed: %s", building.owner_block.name, error_line(error))
         log.debug("traceback", exc_info=True)
-        result = broken_result(building, error)
-    if building.left_out is None or building.counts is None:
-        return result
-    plane = np.concatenate([result.plane, np.repeat(result.plane, building.counts)])
-    return replace(result, point_id=np.concatenate([result.point_id, building.left_out]), plane=plane)
+        return broken_result(building, error)
 
 
 def recheck(results: list[BuildingResult], recipe: Recipe, unit_m: float) -> Iterable[int]:
