@@ -25,7 +25,7 @@ from eaves.model import (
 )
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
-from eaves.run.part_file import open_part, packed, unpack
+from eaves.run.part_file import PartFile, packed, unpack
 from eaves.run.store import SECONDS
 
 CANDIDATE_HEIGHT = 1.0
@@ -162,9 +162,9 @@ def see_shown(
     parameters: Any,
 ) -> dict[str, NDArray[Any]]:
     """What a run's files show of a block, as arrays; its seconds with those of its ground."""
-    with regions[block] as file:
-        arrays = {name: file[name] for name in ("about", "dtm", "dsm")}
-        seconds = file.metadata().seconds
+    file = regions[block]
+    arrays = {name: file[name] for name in ("about", "dtm", "dsm")}
+    seconds = file.metadata().seconds
     return arrays | {SECONDS: packed({**seconds, "ground": float(ground[block][SECONDS])})}
 
 
@@ -174,22 +174,16 @@ def show_block(arrays: dict[str, NDArray[Any]], parameters: Any) -> dict[str, ND
 
 
 class BlockFile:
-    """The file of one block, opened; use it in a `with` statement."""
+    """The file of one block."""
 
     def __init__(self, path: Path, block: Block, read_points: Callable[[Block], NDArray[np.void]]) -> None:
         self.block, self._read_points = block, read_points
-        self._file: Any = open_part(path)
+        self._file = PartFile(path)
         self.about: dict[str, Any] = unpack(self._file["about"])
-
-    def __enter__(self) -> BlockFile:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._file.close()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """One array, read now; see `block_arrays` for the names."""
-        return np.asarray(self._file[name])
+        return self._file[name]
 
     def metadata(self) -> BlockMetadata:
         """Extent, seconds and doubts."""
