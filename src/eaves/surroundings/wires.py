@@ -175,7 +175,9 @@ def wire_rows(xyz: Points, rules: WireRules) -> Mask:
         return row
     neighbours, away = nearest(xyz, xyz, rules.neighbours + 1)
     crowded = np.flatnonzero(away[:, rules.neighbours] < reach)
-    moments = moments_kernel(xyz, neighbours[crowded])
+    group = xyz[neighbours[crowded]]
+    group -= group.mean(axis=1, keepdims=True)
+    moments = np.einsum("kma,kmb->kab", group, group) / (rules.neighbours + 1)
     # where the two smaller eigenvalues are small beside the largest, so are the minors beside the trace
     least, size = rules.across**2, np.trace(moments, axis1=1, axis2=2)
     minors = 0.5 * (size**2 - (moments**2).sum(axis=(1, 2)))
@@ -184,26 +186,6 @@ def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     straight = values[:, 1] <= least * np.minimum(values[:, 2], 1.0)
     row[crowded[thin]] = straight & (vectors[:, 2, 2] ** 2 <= 0.5)
     return row
-
-
-@kernel
-def moments_kernel(xyz: Points, group: Integers) -> Values:
-    """Covariance matrices (K, 3, 3) of groups (K, M) of points (N, 3)."""
-    count, size = group.shape
-    moments, apart = np.zeros((count, 3, 3)), np.empty((size, 3))
-    for k in range(count):
-        for axis in range(3):
-            middle = 0.0
-            for i in group[k]:
-                middle += xyz[i, axis]
-            for j in range(size):
-                apart[j, axis] = xyz[group[k, j], axis] - middle / size
-        for row in range(3):
-            for column in range(3):
-                for j in range(size):
-                    moments[k, row, column] += apart[j, row] * apart[j, column]
-                moments[k, row, column] /= size
-    return moments
 
 
 def lines_among(cell: Integers, shape: tuple[int, int], rules: WireRules) -> Mask:

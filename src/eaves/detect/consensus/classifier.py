@@ -13,12 +13,14 @@ from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import Segments
 from eaves.detect.consensus.windows import WINDOW
 from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
-from eaves.detect.toolkit.surface_grid import mean_in
+from eaves.detect.toolkit.surface_grid import mean_in, share_around
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import Integers, Labels, Mask, Values
 from eaves.raster.interpolate import nearest_cells
 
+EIGHT = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
+"""Steps to the eight neighbours of a cell."""
 Places = tuple[Integers, Integers]
 """Rows and columns (K,) of cells."""
 SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
@@ -129,48 +131,19 @@ class EvidenceRules(Method):
 
 
 @kernel
-def smooth_share_kernel(candidate: Mask, smooth: Mask, rows: Integers, columns: Integers) -> Values:
-    """Share (K,) of the candidate cells that are smooth, (H, W) each, in a square around each of some cells
-    (K,), two windows and the cell between wide: roofs keep company, while in a crown a plane fits here and
-    there by chance."""
-    height, width = candidate.shape
-    before = np.zeros((height + 1, width + 1, 2), np.int32)  # of the cells north and west of each corner
-    for r in range(height):
-        around, alike = 0, 0
-        for c in range(width):
-            around += candidate[r, c]
-            alike += candidate[r, c] and smooth[r, c]
-            before[r + 1, c + 1, 0] = before[r, c + 1, 0] + around
-            before[r + 1, c + 1, 1] = before[r, c + 1, 1] + alike
-    share = np.empty(len(rows))
-    for i in range(len(rows)):
-        south, north = before[min(rows[i] + WINDOW + 1, height)], before[max(rows[i] - WINDOW, 0)]
-        west, east = max(columns[i] - WINDOW, 0), min(columns[i] + WINDOW + 1, width)
-        around, alike = south[east] - north[east] - south[west] + north[west]
-        share[i] = alike / max(around, 1)
-    return share
-
-
-@kernel
 def enclosure_kernel(roofs: Mask, steps: int, rows: Integers, columns: Integers) -> Values:
     """Share (K,) of eight directions in which a cell of `roofs` (H, W) is within so many steps of each of
     some cells (K,)."""
-    share = np.empty(len(rows))
+    share = np.zeros(len(rows))
     for i in range(len(rows)):
-        met = 0
-        for down in range(-1, 2):
-            for right in range(-1, 2):
-                if down == 0 and right == 0:
-                    continue
-                row, column = rows[i] + down, columns[i] + right
-                for _ in range(steps):
-                    if row < 0 or row >= roofs.shape[0] or column < 0 or column >= roofs.shape[1]:
-                        break
-                    if roofs[row, column]:
-                        met += 1
-                        break
-                    row, column = row + down, column + right
-        share[i] = met / 8.0
+        for down, right in EIGHT:
+            for step in range(1, steps + 1):
+                row, column = rows[i] + step * down, columns[i] + step * right
+                if not (0 <= row < roofs.shape[0] and 0 <= column < roofs.shape[1]):
+                    break
+                if roofs[row, column]:
+                    share[i] += 1.0 / len(EIGHT)
+                    break
     return share
 
 
@@ -358,7 +331,8 @@ def measured_terms(
     cells = rows, columns
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     most, number = limits.most_log_ratio, segments.label[cells]
-    company = smooth_share_kernel(evidence.candidate, segments.label > 0, rows, columns)
+    # roofs keep company, while in a crown a plane fits here and there by chance
+    company = share_around(segments.label > 0, evidence.candidate, 2 * WINDOW + 1)[cells]
     roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
     steps = round(limits.enclosed / evidence.cells.side)
     enclosed = enclosure_kernel(roofs, steps, rows, columns)
