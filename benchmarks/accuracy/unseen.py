@@ -117,8 +117,8 @@ def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[st
                 raise RuntimeError(region.failed[0])
             got = np.zeros(len(survey.xyz), bool)
             for block in region.blocks:
-                with REGIONS.result(region.store, block) as file:
-                    got[file.points(file.candidate[file["label"] > 0])["point_id"]] = True
+                file = REGIONS.result(region.store, block)
+                got[file.points(file.candidate[file["label"] > 0])["point_id"]] = True
             found = sum(len(plan.buildings) for plan in plans)
             yield column, compared(survey.xyz[known], got[known], want[known], found)
 

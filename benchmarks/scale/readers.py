@@ -95,7 +95,7 @@ def write_files(place: Path) -> None:
 def make_readers(place: Path) -> Mapping[str, Reader]:
     """The readers of the files that `write_files` wrote."""
     kept = place / "kept"
-    parts = sorted(kept.glob(".eaves-work/buildings/*.npz")) or sorted(kept.glob(".eaves-work/**/*.npz"))
+    parts = sorted(kept.glob(".eaves-work/buildings/*.part")) or sorted(kept.glob(".eaves-work/**/*.part"))
     points, base, document = (
         either(0.6, one, other)
         for one, other in ((hurt_points, hurt_bytes), (hurt_database, hurt_bytes), (hurt_json, hurt_words))

@@ -38,19 +38,19 @@ def test_a_building_that_is_written_again_is_not_decoded_and_keeps_its_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, second = some_results(), some_results()
-    save_part(tmp_path / "a.npz", building_arrays(first))
-    saved = saved_in(tmp_path / "a.npz")
+    save_part(tmp_path / "a.part", building_arrays(first))
+    saved = saved_in(tmp_path / "a.part")
     assert [one.row.values["id"] for one in saved] == ["b0", "b1", "b2"]
     unpack, decoded = building_file.unpack, list[bytes]()
     monkeypatch.setattr(building_file, "unpack", lambda data: decoded.append(data) or unpack(data))
-    save_part(tmp_path / "b.npz", building_arrays([saved[0], second[1], saved[2]]))
+    save_part(tmp_path / "b.part", building_arrays([saved[0], second[1], saved[2]]))
     assert not decoded
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    assert (tmp_path / "a.part").read_bytes() == (tmp_path / "b.part").read_bytes()
 
 
 def test_a_building_is_decoded_alone_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save_part(tmp_path / "a.npz", building_arrays(some_results()))
-    one = saved_in(tmp_path / "a.npz")[2]
+    save_part(tmp_path / "a.part", building_arrays(some_results()))
+    one = saved_in(tmp_path / "a.part")[2]
     unpack, decoded = building_file.unpack, list[bytes]()
     monkeypatch.setattr(building_file, "unpack", lambda data: decoded.append(data) or unpack(data))
     result = one.result

@@ -1,4 +1,4 @@
-"""Scans with more points than a building needs: few decide it, all are classified."""
+"""Scans with more points than are needed: few decide, all are classified."""
 
 from __future__ import annotations
 
@@ -6,22 +6,96 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import pytest
+from tests.conftest import build_in_blocks
 
-from eaves.buildings.gather import ENOUGH_PER_M2
+from eaves.blocks.thinned import ENOUGH_PER_M2, SIDE, find_thinned
+from eaves.model import GRID_STEP, Block
+from eaves.model.cloud import canonical_order
 from eaves.pipeline import build
+from eaves.run.store import RECORD
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 
-def test_all_points_of_a_dense_scan_have_their_building_and_plane(tmp_path: Path) -> None:
+def records_of(density: float) -> np.ndarray:
+    """Points over two thirds of a block, in canonical order."""
+    rng = np.random.default_rng(1)
+    count = round(density * 60.0 * 40.0)
+    records = np.zeros(count, RECORD)
+    records["xyz"] = rng.integers([0, 100_000, 0], [600_000, 500_000, 300], (count, 3))
+    records["return_number"], records["point_id"] = 1, rng.permutation(count)
+    return records.take(canonical_order(records["xyz"] * GRID_STEP, records["return_number"]))
+
+
+@pytest.mark.parametrize("files", [1, 3])
+def test_a_dense_block_keeps_one_point_a_cell__however_files_cut_it(files: int) -> None:
+    records = records_of(4.0 * ENOUGH_PER_M2)
+    parts = [records[first::files].copy() for first in range(files)]
+    result = find_thinned((Block(0, 0, 60.0), parts), None)
+    kept, stands = result["records"].view(RECORD), result["stands"]
+    everyone = np.concatenate(parts)
+    assert 0.95 < len(kept) * SIDE**2 / (60.0 * 40.0) <= 1.0
+    assert np.array_equal(np.unique(stands), np.arange(len(kept)))
+    assert np.array_equal(canonical_order(kept["xyz"] * GRID_STEP), np.arange(len(kept)))
+    cells = round(SIDE / GRID_STEP)
+    assert (everyone["xyz"][:, :2] // cells == kept["xyz"][stands][:, :2] // cells).all()
+    alone = find_thinned((Block(0, 0, 60.0), [records]), None)
+    assert np.array_equal(alone["records"], result["records"])
+
+
+def test_a_block_with_fewer_points_keeps_all() -> None:
+    assert not find_thinned((Block(0, 0, 60.0), [records_of(0.95 * ENOUGH_PER_M2)]), None)
+    assert find_thinned((Block(0, 0, 60.0), [records_of(1.05 * ENOUGH_PER_M2)]), None)
+
+
+def test_all_points_of_a_dense_scan_have_their_class_building_and_plane(tmp_path: Path) -> None:
     scene = nine_roofs_on_a_slope(density=1.5 * ENOUGH_PER_M2, noise=0.02)
     path = write_simulation(scene, tmp_path / "scan")["points"]
-    build(path, tmp_path / "out", formats=("cityjson",))
+    build(path, tmp_path / "out", formats=("cityjson",), keep=True)
+    assert list((tmp_path / "out/.eaves-work").glob("thinned/*.part"))
     written = laspy.read(tmp_path / "out" / "classified.laz")
     assert len(written.points) == len(scene.cloud)
     building, plane = np.asarray(written["building_id"]), np.asarray(written["plane_id"])
     roof = scene.plane > 0
     assert (building[roof] > 0).mean() > 0.99 and (building[~roof] > 0).mean() < 0.01
     assert (plane[roof] > 0).mean() > 0.99
+    assert (np.asarray(written.classification) == scene.truth_class)[~roof].mean() > 0.99
+    shares = []
     for number in scene.faces:
         counts = np.unique(plane[scene.plane == number], return_counts=True)[1]
-        assert counts.max() > 0.95 * counts.sum(), number
+        shares.append(counts.max() / counts.sum())
+    assert min(shares) > 0.9 and np.mean(shares) > 0.98  # of a cell across a ridge all go with one
+
+
+@pytest.fixture(scope="module")
+def halves(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A dense scan in one file and in two."""
+    folder = tmp_path_factory.mktemp("dense")
+    scene = nine_roofs_on_a_slope(density=1.5 * ENOUGH_PER_M2, noise=0.02)
+    whole = write_simulation(scene, folder / "scan")["points"]
+    las = laspy.read(whole)
+    west = np.asarray(las.x) < 0.5 * (las.x.min() + las.x.max())
+    (folder / "cut").mkdir()
+    for name, mask in {"a": west, "b": ~west}.items():
+        part = laspy.LasData(las.header)
+        part.points = las.points[mask]
+        part.write(folder / "cut" / f"{name}.laz")
+    return {"one": whole, "two": folder / "cut"}
+
+
+def test_files_of_a_dense_scan_may_cut_it_anyhow(halves: dict[str, Path], tmp_path: Path) -> None:
+    models = []
+    for name, source in halves.items():
+        assert build_in_blocks(60.0, source, tmp_path / name, outputs=("models",)).complete
+        models.append((tmp_path / name / "buildings.city.jsonl").read_text().splitlines())
+    assert len(models[0]) == 10 and models[0][1:] == models[1][1:]
+
+
+def test_a_run_that_goes_on_thins_nothing_again(halves: dict[str, Path], tmp_path: Path) -> None:
+    out, options = tmp_path / "out", {"keep": True, "outputs": ("models",)}
+    times = []
+    for resume in (False, True):
+        assert build_in_blocks(60.0, halves["two"], out, resume=resume, **options).complete
+        paths = (out / ".eaves-work" / "thinned").glob("*.part")
+        times.append({path.name: path.stat().st_mtime_ns for path in paths})
+    assert times[0] == times[1] != {}

@@ -39,9 +39,8 @@ def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     result = block_pass(classify_ground(cut), block, make_recipe())
     assert {doubt.stage for doubt in result.doubts} == {"detect"}
     assert any("rim of the data" in doubt.reason for doubt in result.doubts)
-    save_part(tmp_path / "block.npz", block_arrays(result))
-    with BlockFile(tmp_path / "block.npz", block, Store(tmp_path).read_points) as file:
-        found = file.metadata().doubts
+    save_part(tmp_path / "block.part", block_arrays(result))
+    found = BlockFile(tmp_path / "block.part", block, Store(tmp_path).read_points).metadata().doubts
     for read, written in zip(found, result.doubts, strict=True):
         assert read.x == pytest.approx(written.x)
         assert read.reason == written.reason

@@ -59,13 +59,13 @@ def test_another_level_finds_the_blocks_of_a_run_that_was_stopped(
         with pytest.raises(ZeroDivisionError):
             pipeline.build(nine_roofs_file, tmp_path, lod="1.2")
     kept = tmp_path / ".eaves-work"
-    before = {path: path.stat().st_mtime_ns for path in kept.glob("regions/*.npz")}
+    before = {path: path.stat().st_mtime_ns for path in kept.glob("regions/*.part")}
     made = []
     real = owned.building_pass
     monkeypatch.setattr(owned, "building_pass", lambda *words: made.append(1) or real(*words))
     summary = pipeline.build(nine_roofs_file, tmp_path, lod="1.3", resume=True, keep=True)
     assert summary.complete and summary.found == 9 and made
-    assert {path: path.stat().st_mtime_ns for path in kept.glob("regions/*.npz")} == before != {}
+    assert {path: path.stat().st_mtime_ns for path in kept.glob("regions/*.part")} == before != {}
 
 
 def test_what_another_version_left_is_refused_in_one_line(nine_roofs_file: Path, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from eaves.model import (
 )
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
-from eaves.run.part_file import open_part, packed, unpack
+from eaves.run.part_file import PartFile, packed, unpack
 from eaves.run.store import SECONDS
 
 CANDIDATE_HEIGHT = 1.0
@@ -99,9 +99,11 @@ def block_extent(notes: Sequence[BlockMetadata]) -> Bounds:
 
 def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     """A result as the arrays of its file."""
-    high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
-    low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
-    candidate = (result.label > 0) | high | low
+    excluded = np.zeros(256, bool)  # a class in each place
+    excluded[list(NOISE_CLASSES)] = True
+    usable = ~excluded[result.classification]
+    high = (result.height >= CANDIDATE_HEIGHT) & usable & (result.classification != GROUND)
+    candidate = (result.label > 0) | high | (result.keeps_low & usable)
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
     # what was found outside given footprints is a building, too, though it is not modelled
     classes = np.where(result.vegetation > 0, result.vegetation, result.classification)
@@ -142,15 +144,14 @@ def ground_cells(result: BlockResult) -> NDArray[np.uint8]:
 def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
     """For labels 0 to `count`: 1 when points of it lie in the block, plus 2, 4, 8, 16 when some lie near its
     west, south, east, north side; 0 for label 0."""
-    sides = np.zeros(count + 1, np.uint8)
-    sides[result.label] = 1
-    x, y = result.xyz[:, 0], result.xyz[:, 1]
+    sides, labelled = np.zeros(count + 1, np.uint8), np.flatnonzero(result.label)
+    label, (x, y) = result.label[labelled], result.xyz[labelled, :2].T
+    sides[label] = 1
     far = result.block.side - BORDER
     for bit, beside in ((2, x < BORDER), (4, y < BORDER), (8, x >= far), (16, y >= far)):
         touched = np.zeros(count + 1, bool)
-        touched[result.label[beside]] = True
+        touched[label[beside]] = True
         sides[touched] |= bit
-    sides[0] = 0
     return sides
 
 
@@ -161,9 +162,9 @@ def see_shown(
     parameters: Any,
 ) -> dict[str, NDArray[Any]]:
     """What a run's files show of a block, as arrays; its seconds with those of its ground."""
-    with regions[block] as file:
-        arrays = {name: file[name] for name in ("about", "dtm", "dsm")}
-        seconds = file.metadata().seconds
+    file = regions[block]
+    arrays = {name: file[name] for name in ("about", "dtm", "dsm")}
+    seconds = file.metadata().seconds
     return arrays | {SECONDS: packed({**seconds, "ground": float(ground[block][SECONDS])})}
 
 
@@ -173,22 +174,16 @@ def show_block(arrays: dict[str, NDArray[Any]], parameters: Any) -> dict[str, ND
 
 
 class BlockFile:
-    """The file of one block, opened; use it in a `with` statement."""
+    """The file of one block."""
 
     def __init__(self, path: Path, block: Block, read_points: Callable[[Block], NDArray[np.void]]) -> None:
         self.block, self._read_points = block, read_points
-        self._file: Any = open_part(path)
+        self._file = PartFile(path)
         self.about: dict[str, Any] = unpack(self._file["about"])
-
-    def __enter__(self) -> BlockFile:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._file.close()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """One array, read now; see `block_arrays` for the names."""
-        return np.asarray(self._file[name])
+        return self._file[name]
 
     def metadata(self) -> BlockMetadata:
         """Extent, seconds and doubts."""

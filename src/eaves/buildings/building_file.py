@@ -17,7 +17,7 @@ from eaves.formats.atomic import atomic
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED
-from eaves.run.part_file import load_part, open_part, pack, unpack
+from eaves.run.part_file import PartFile, load_part, pack, unpack
 from eaves.run.store import Store
 
 ROWS, ANSWERS = "rows", "answers"
@@ -99,8 +99,7 @@ def building_arrays(
 
 def read_section(path: Path, name: str, keeps: bool = False) -> Section:
     """A section of a file of `building_arrays`; see `Section`."""
-    with open_part(path) as file:
-        return section_of(file, name, keeps)
+    return section_of(PartFile(path), name, keeps)
 
 
 def section_of(arrays: Mapping[str, NDArray[Any]], name: str, keeps: bool) -> Section:
@@ -138,8 +137,7 @@ def planes_of(arrays: Mapping[str, NDArray[Any]]) -> list[tuple[NDArray[np.int64
 
 def load_buildings(path: Path) -> list[SavedBuilding]:
     """The buildings of a file, as they were saved."""
-    with open_part(path) as file:
-        return saved_buildings(file)
+    return saved_buildings(PartFile(path))
 
 
 @dataclass(frozen=True)
@@ -177,8 +175,7 @@ class Kept:
         """Ids and roof planes (0 for none) of the points of each building owned by one block."""
         path = self.path(owner)
         if path is not None:
-            with open_part(path) as file:
-                yield from ((ids, plane) for ids, plane, _ in planes_of(file))
+            yield from ((ids, plane) for ids, plane, _ in planes_of(PartFile(path)))
 
     def section(self, owner: Block, name: str) -> Section:
         """A section of the file of an owner block's buildings."""

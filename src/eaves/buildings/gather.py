@@ -15,7 +15,6 @@ from shapely import Polygon
 from eaves.blocks.block_file import BlockFile, Candidates
 from eaves.buildings.join import BuildingPlan, OwnedBuildings
 from eaves.footprints.snap import snap_footprints
-from eaves.geometry.neighbours import thin
 from eaves.model import GRID_STEP, Block, Bounds, Failure, Footprint, Points, Raster
 from eaves.model.cloud import snap
 from eaves.model.results import BuildingPoints
@@ -24,11 +23,6 @@ from eaves.raster.surfaces import CELL
 from eaves.run.world_squares import squares_touching
 
 T = TypeVar("T")
-
-ENOUGH_PER_M2 = 40.0
-"""Points per m² of a surface that decide a building: of a denser scan (overlapping strips, drones, images)
-one stands for its neighbours. Twice the density of national surveys, which the methods' numbers are for; from
-there on the cost of a building no longer grows."""
 
 MARGIN = 2.0
 """Terrain is known this far (m) around a building's points, and all else where its walls are looked for."""
@@ -73,7 +67,7 @@ class Gatherer:
         if plan.given is not None:
             beside = is_seen_beside(plan.given.polygon, ground)
             heights = None if beside else self.nearest_ground(owner, plan)
-        building = BuildingPoints(
+        return BuildingPoints(
             owner_block=owner,
             **building_points,
             terrain=self.terrain(owner, margin),
@@ -84,7 +78,6 @@ class Gatherer:
             others=others,
             around=around,
         )
-        return thinned(building) if building.spacing**2 * ENOUGH_PER_M2 < 1.0 else building
 
     def points_of(self, owner: Block, plan: BuildingPlan) -> dict[str, Any] | None:
         """The building's points about the corner of its owner block, with their spacing and the score, as
@@ -177,23 +170,9 @@ class Gatherer:
         return Raster(values, float(west), float(north), CELL)
 
 
-def thinned(building: BuildingPoints) -> BuildingPoints:
-    """The building with points that stand for all of its dense scan's."""
-    side = ENOUGH_PER_M2**-0.5
-    chosen, thinned, counts = thin(building.xyz, side)
-    inside = np.zeros(len(building.xyz), bool)
-    inside[chosen] = True
-    high = building.others if building.others is None else building.others[thin(building.others, side)[0]]
-    few = building.take(inside, others=high, spacing=building.spacing * (len(inside) / len(chosen)) ** 0.5)
-    return replace(few, left_out=building.point_id[thinned], counts=counts)
-
-
 def read_result(regions: Mapping[Block, BlockFile], block: Block, take: Callable[[BlockFile], T]) -> T | None:
     """Value that `take` reads from the result of a block; None where it failed or has no points."""
-    if block not in regions:
-        return None
-    with regions[block] as file:
-        return take(file)
+    return take(regions[block]) if block in regions else None
 
 
 def blocks_in(owner: Block, bounds: Bounds) -> list[Block]:

@@ -216,13 +216,16 @@ def gather_labels(
             buildings[point_id] = number
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
-    for result in regions.values():
-        with result as file:
-            point_id = file.points()["point_id"]
-            classes, part = file["classification"], file["part"]
-        classes[opened("building_id")[point_id] > 0] = BUILDING
-        opened("classes")[point_id] = classes
-        opened("part")[point_id] = part
+    for block, result in regions.items():
+        point_id = result.points()["point_id"]
+        values = {"classes": result["classification"], "part": result["part"]}
+        values["classes"][opened("building_id")[point_id] > 0] = BUILDING
+        for followers, stands in kept.store.followers(block):
+            for name in TYPES:
+                column = values[name] if name in values else opened(name)[point_id]
+                opened(name)[followers] = column[stands]
+        for name, column in values.items():
+            opened(name)[point_id] = column
     for block in kept.store.units(SUPERSEDED_POINTS, BLOCK_SIDE):
         opened("classes")[kept.store.superseded(block)] = SUPERSEDED
 

@@ -305,8 +305,7 @@ def read_metadata(region: Region) -> list[BlockMetadata]:
     """The metadata of all blocks that were computed."""
     metadata = []
     for block, result in results_of(step_shown(region), region.store, region.shown).items():
-        with result as file:
-            metadata.append(file.metadata())
+        metadata.append(result.metadata())
         if not region.run.by_tiles:
             metadata[-1].seconds["ground"] = float(region.store.array(GROUND.name, block, SECONDS))
     return metadata

@@ -75,8 +75,8 @@ def write_surfaces(run: Run, regions: Mapping[Block, BlockFile], extent: Bounds)
                 for path in paths
             ]
             for block in piece.blocks:
-                with regions[block] as file:
-                    dtm, dsm = file.raster("dtm"), file.raster("dsm")
+                file = regions[block]
+                dtm, dsm = file.raster("dtm"), file.raster("dsm")
                 over = replace(dsm, values=dsm.values - dtm.values)
                 for writer, raster in zip(writers, (dtm, dsm, over), strict=True):
                     writer.write(raster, block.bounds, block.origin)

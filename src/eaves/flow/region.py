@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eaves.blocks.thinned import dense_blocks
 from eaves.buildings.building_file import NUMBERS
 from eaves.buildings.edited import OwnedOrders
 from eaves.buildings.join import (
@@ -24,7 +25,7 @@ from eaves.buildings.join import (
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, request_of
 from eaves.flow.step import Region, Step, bring, results_of, squares_read, store_of
-from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED
+from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED, THINNED
 from eaves.flow.tiles import (
     Area,
     bounds_by_tile,
@@ -101,6 +102,7 @@ def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()
         region.within |= squares
     read_points(region)
     replace_points(region)
+    thin_points(region)
     use_blocks(region)
 
 
@@ -186,10 +188,22 @@ def replace_points(region: Region) -> None:
     for block in blocks:
         newest = max(scan for scan, _ in store.scan_files(block))
         later |= set(ring(block)) if newest >= generations[0] else set()
-    units = [block for block in blocks if block in later]
-    store.keep_only(SUPERSEDED.name, units)
-    bring(region, SUPERSEDED, units)
-    results = dict(store.found(SUPERSEDED.name, units))
+    choose_points(region, SUPERSEDED, [block for block in blocks if block in later])
+
+
+def thin_points(region: Region) -> None:
+    """Let one point stand for its neighbours where a scan is dense."""
+    dense, squares = dense_blocks(region.parts, region.store.record), squares_to_read(region)
+    blocks = region.store.blocks(region.run.side) if dense else []
+    known = [block for block in blocks if squares is None or block in squares]
+    choose_points(region, THINNED, [block for block in known if block.name in dense])
+
+
+def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:
+    """Bring the results of a step that says which of some blocks' points are used, and no others of it."""
+    region.store.keep_only(step.name, units)
+    bring(region, step, units)
+    results = dict(region.store.found(step.name, units))
     region.points_keys = {
         name: key_of(key, results[name]) if name in results else key
         for name, key in region.points_keys.items()
@@ -277,11 +291,7 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
 
 def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     """The results that the join needs, of all blocks that could be computed."""
-    results = []
-    for result in results_of(REGIONS, region.store, sorted(blocks)).values():
-        with result as file:
-            results.append(Seam.read(file))
-    return results
+    return [Seam.read(result) for result in results_of(REGIONS, region.store, sorted(blocks)).values()]
 
 
 def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:

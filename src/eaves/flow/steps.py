@@ -18,12 +18,13 @@ from eaves.blocks.ground import (
     see_points,
 )
 from eaves.blocks.superseded import find_superseded, see_scans
+from eaves.blocks.thinned import find_thinned, see_files
 from eaves.buildings.building_file import load_buildings, load_found
 from eaves.buildings.edited import model_orders, see_orders
 from eaves.buildings.owned import model_buildings, see_buildings
 from eaves.flow.step import Input, Step
 from eaves.run import keys
-from eaves.run.points import load_points, load_scans
+from eaves.run.points import load_files, load_points, load_scans
 from eaves.run.world_squares import WIDE_SQUARE
 
 SUPERSEDED = Step(
@@ -32,6 +33,13 @@ SUPERSEDED = Step(
     see=see_scans,
     run=find_superseded,
     reads=("generations",),
+    booked="read",
+)
+THINNED = Step(
+    name=keys.THINNED,
+    takes=(Input(load=load_files),),
+    see=see_files,
+    run=find_thinned,
     booked="read",
 )
 FLOORS = Step(
@@ -132,5 +140,5 @@ SHOWN = Step(
     stays=True,
 )
 """What the files show of a block, of a run by tiles, which lets go of the other results."""
-STEPS = (SUPERSEDED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED, SHOWN)
+STEPS = (SUPERSEDED, THINNED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED, SHOWN)
 """In the order in which they run."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.kernels import kernel
 from eaves.model import Integers, Points, Values
@@ -80,43 +81,56 @@ def nearest_kernel(queries: Points, xyz: Points, side: float, count: int) -> tup
     return neighbours, squares
 
 
-def thin(xyz: Points, side: float) -> tuple[Integers, Integers, Integers]:
-    """One point for all those of a cell of `side` (m) and of as much height, counted from the lowest there.
+@kernel
+def thin_kernel(quanta: NDArray[np.int32], last: NDArray[np.uint8], side: int) -> Integers:
+    """The number (N,) of the point that stands for each: one for all those of a cell and of as much height,
+    counted from the lowest there, the middle by height.
 
     Parameters
     ----------
-    xyz : ndarray (N, 3)
-        Local metres.
-    side : float
-        Side (m) of the cells, which begin at (0, 0).
-
-    Returns
-    -------
-    chosen : ndarray (K,) of int64
-        The numbers of the points that are kept, ascending: of each group the middle by height.
-    others : ndarray (N - K,) of int64
-        The numbers of the rest, group by group in the order of `chosen`.
-    counts : ndarray (K,) of int64
-        How many of `others` each group has.
+    quanta : ndarray (N, 3) of int32
+        Points, in whole steps of `GRID_STEP`, x and y ≥ 0. The answer does not depend on their order.
+    last : ndarray (N,) of uint8
+        Decides between points at one place.
+    side : int
+        Side of the cells (steps, below 2,048), which begin at (0, 0), and height of their levels.
     """
-    column, row = np.floor(xyz[:, :2] / side).astype(np.int64).T
-    order = np.lexsort((xyz[:, 2], column, row))
-    column, row, height = column[order], row[order], xyz[order, 2]
-    first = np.ones(len(order), bool)
-    first[1:] = (np.diff(column) != 0) | (np.diff(row) != 0)
-    lowest = height[first][np.cumsum(first) - 1]
-    level = ((height - lowest) / side).astype(np.int64)
-    first[1:] |= np.diff(level) != 0
-    start, group = np.flatnonzero(first), np.cumsum(first) - 1
-    size = np.diff(start, append=len(order))
-    middle = start + size // 2
-    rank = np.argsort(order[middle])
-    place = np.empty(len(start), np.int64)
-    place[rank] = np.arange(len(start))
-    rest = np.ones(len(order), bool)
-    rest[middle] = False
-    by_group = np.argsort(place[group[rest]], kind="stable")
-    return order[middle][rank], order[rest][by_group], size[rank] - 1
+    columns, south = quanta[:, 0].max() // side + 1, quanta[:, 1].min() // side
+    rows = quanta[:, 1].max() // side + 1 - south
+    first = np.zeros(rows * columns + 1, np.int64)
+    cell, stands = np.empty(len(quanta), np.int64), np.empty(len(quanta), np.int64)
+    for i in range(len(quanta)):
+        cell[i] = (quanta[i, 1] // side - south) * columns + quanta[i, 0] // side
+        first[cell[i] + 1] += 1
+    for number in range(rows * columns):
+        first[number + 1] += first[number]
+    free, order, keys = first[:-1].copy(), np.empty(len(quanta), np.int64), np.empty(len(quanta), np.int64)
+    for i in range(len(quanta)):
+        place = free[cell[i]]
+        free[cell[i]] = place + 1
+        # by height, then by y and x within the cell: 32 + 11 + 11 + 8 bits
+        level = (np.int64(quanta[i, 2]) * 2048 + quanta[i, 1] % side) * 2048 + quanta[i, 0] % side
+        order[place], keys[place] = i, level * 256 + last[i]
+    for number in range(rows * columns):
+        start, end = first[number], first[number + 1]
+        gap = (end - start) // 2
+        while gap > 0:  # Shell's order: few are there, but for walls
+            for place in range(start + gap, end):
+                key, i, hole = keys[place], order[place], place
+                while hole >= start + gap and keys[hole - gap] > key:
+                    keys[hole], order[hole] = keys[hole - gap], order[hole - gap]
+                    hole -= gap
+                keys[hole], order[hole] = key, i
+            gap //= 2
+        low = start
+        while low < end:
+            level = ((keys[low] >> 30) - (keys[start] >> 30)) // side
+            high = low
+            while high < end and ((keys[high] >> 30) - (keys[start] >> 30)) // side == level:
+                high += 1
+            stands[order[low:high]] = order[low + (high - low) // 2]
+            low = high
+    return stands
 
 
 def measure_spacing(xyz: Points) -> float:

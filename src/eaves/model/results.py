@@ -76,17 +76,11 @@ class BuildingPoints:
     """High points (K, 3) in and around the building that are no building's, until its outline is drawn."""
     around: Points | None = None
     """All points (K, 3) of the scan in and around the building, the ground's too; None where none asked."""
-    left_out: Integers | None = None
-    """Ids of further points, of those of `xyz` that stand for them, in order; None where none is left out."""
-    counts: Integers | None = None
-    """Number (N,) of the points left out that each point stands for; None where none is left out."""
 
     def take(self, inside: Mask, **changes: Any) -> BuildingPoints:
         """The building with those of its points that a mask (N,) holds, and other fields changed."""
-        columns = ("xyz", "point_id", "part", "not_last", "counts")
+        columns = ("xyz", "point_id", "part", "not_last")
         names = [name for name in columns if getattr(self, name) is not None]
-        if self.left_out is not None and self.counts is not None:
-            changes["left_out"] = self.left_out[np.repeat(inside, self.counts)]
         return replace(self, **{name: getattr(self, name)[inside] for name in names}, **changes)
 
     @property

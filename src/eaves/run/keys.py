@@ -231,8 +231,8 @@ def is_effective(statement: ast.stmt) -> bool:
     )
 
 
-SUPERSEDED, FLOORS, LARGE, DECKS, GROUND = "superseded", "floors", "large", "decks", "ground"
-REGIONS, BUILDINGS = "regions", "buildings"
+SUPERSEDED, THINNED, FLOORS, LARGE, DECKS = "superseded", "thinned", "floors", "large", "decks"
+GROUND, REGIONS, BUILDINGS = "ground", "regions", "buildings"
 """Names of the steps whose results are kept; `eaves.flow.steps` is their table."""
 NAMED, EDITED = "named", "edited"
 """Layers over the buildings found: of those that an update gave their ids and versions, and of those that

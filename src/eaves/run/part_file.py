@@ -1,7 +1,8 @@
-"""Parts of a run on disk: arrays by name in one npz file, and values with their arrays in one of these.
+"""Parts of a run on disk: arrays by name in one file, and values with their arrays in one of these.
 
-Data only: reading one can run no code. The zip format keeps a checksum of each array, which reading it
-verifies.
+Data only: reading one can run no code. A table says of each array its type, its shape and its checksum; the
+bytes follow as they are. A run that resumes another verifies the checksums once (`is_whole_part`), and
+whoever reads an array later does not: the same parts are read by all blocks around.
 """
 
 from __future__ import annotations
@@ -10,19 +11,17 @@ import base64
 import json
 import math
 import sys
-import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from datetime import date, datetime, time, timedelta
 from functools import partial
 from pathlib import Path
 from struct import Struct
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import shapely
-from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
@@ -33,20 +32,68 @@ MARK = "~"
 """Key of an object that stands for something JSON has no word for."""
 HEAD = Struct("<I")
 """Before a value: how many bytes are its JSON; its arrays lie behind."""
+TABLE = Struct("<II")
+"""At the head of a part: how many bytes are its table, and their checksum."""
 JSON_TYPES = frozenset((type(None), str, bool, int, float))
 
 
-def save_part(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays by name, whole or not at all."""
-    with atomic(path) as temporary:
-        # numpy's stub takes any of the names for its own option allow_pickle
-        np.savez(temporary, **arrays)  # type: ignore[arg-type]
+def save_part(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, list[Any]]:
+    """Write arrays by name, whole or not at all; the type, the shape and the checksum of each, by its name.
+
+    Raises
+    ------
+    ValueError
+        When an array holds objects.
+    """
+    pieces, table = [], {}
+    for name, array in arrays.items():
+        if array.dtype.hasobject:
+            raise ValueError(f"{name} holds objects, which a part never does")
+        pieces.append(np.ascontiguousarray(array).data)
+        table[name] = [array.dtype.str, array.shape, crc32(pieces[-1])]
+    text = json.dumps(table).encode()
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        file.write(TABLE.pack(len(text), crc32(text)) + text)
+        file.writelines(pieces)
+    return table
 
 
-def open_part(path: Path) -> NpzFile:
-    """The arrays of a part by name, each read when it is asked for; to be used in a `with` statement."""
-    file: NpzFile = np.load(path, allow_pickle=False)
-    return file
+class PartFile(Mapping[str, NDArray[Any]]):
+    """The arrays of a part by name, each read when it is asked for.
+
+    Raises
+    ------
+    ValueError
+        When the file is no part; of an array, when the file is cut off.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as file:
+            length, checksum = TABLE.unpack(file.read(TABLE.size).ljust(TABLE.size, b"\0"))
+            text = file.read(length)
+        if not length or crc32(text) != checksum:
+            raise ValueError(f"{path} is no part of a run, or a damaged one")
+        self.path, self._places = path, dict[str, tuple[Any, int, list[int]]]()
+        self.table: dict[str, list[Any]] = json.loads(text)
+        place = TABLE.size + length
+        for name, (kind, shape, _) in self.table.items():
+            self._places[name] = kind, place, shape
+            place += np.dtype(kind).itemsize * math.prod(shape)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        kind, place, shape = self._places[name]
+        return np.fromfile(self.path, kind, math.prod(shape), offset=place).reshape(shape)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.table)
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def mapped(self, name: str) -> NDArray[Any]:
+        """An array of which no more is read than is looked at; one that is empty is refused."""
+        kind, place, shape = self._places[name]
+        return np.asarray(np.memmap(self.path, kind, "c", place, tuple(shape)))
 
 
 def as_arrays(result: Any) -> Mapping[str, NDArray[Any]]:
@@ -58,8 +105,8 @@ def as_arrays(result: Any) -> Mapping[str, NDArray[Any]]:
 
 def load_part(path: Path) -> Any:
     """The result that `as_arrays` was given, from its file."""
-    with open_part(path) as file:
-        return unpack(file["value"]) if "value" in file else dict(file)
+    file = PartFile(path)
+    return unpack(file["value"]) if "value" in file else dict(file)
 
 
 def packed(value: Any) -> NDArray[np.uint8]:
@@ -86,9 +133,9 @@ def unpack(data: bytes | NDArray[np.uint8]) -> Any:
 def is_whole_part(path: Path) -> bool:
     """True if a part is whole and every array matches its checksum."""
     try:
-        with zipfile.ZipFile(path) as file:
-            return bool(file.namelist()) and file.testzip() is None
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError):
+        part = PartFile(path)
+        return all(crc32(part[name].data) == checksum for name, (*_, checksum) in part.table.items())
+    except (OSError, ValueError):
         return False
 
 

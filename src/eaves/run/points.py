@@ -128,6 +128,11 @@ def load_points(store: Store, block: Block) -> tuple[NDArray[Any], bool]:
     return store.read_points(block), store.has_classes
 
 
+def load_files(store: Store, block: Block) -> list[NDArray[Any]]:
+    """All points of a block, those of each file in canonical order."""
+    return store.map_all(block)
+
+
 def load_scans(store: Store, block: Block) -> list[tuple[int, NDArray[Any]]]:
     """The points of a block as they were read, those of each file with the number of its input."""
     return [

@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,14 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.model import Block, CoordinateSystem
-from eaves.run.keys import SUPERSEDED, Mark, key_of
-from eaves.run.part_file import is_whole_part, open_part, save_part
+from eaves.run.keys import SUPERSEDED, THINNED, Mark, key_of
+from eaves.run.part_file import PartFile, is_whole_part, save_part
 
 log = logging.getLogger("eaves")
 
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 9
+FORM = 10
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -36,6 +35,8 @@ RECORD = np.dtype(
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner. Where methods
 need other fields of the points, `fields` (K,) holds them."""
+PIECE = 1_000_000
+"""Points of a block that are in memory at a time where nothing asks for all."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
@@ -125,7 +126,8 @@ class Store:
         return self.array(SUPERSEDED, block, "id") if self.has(SUPERSEDED, block) else np.zeros(0, np.int64)
 
     def read_points(self, block: Block) -> NDArray[np.void]:
-        """The records of all points in a block, by input and part of it, each part's in canonical order."""
+        """The records of the points in a block that methods see, by input and part of it, each part's in
+        canonical order."""
         return join_records(self.map_points(block))
 
     def scan_files(self, block: Block) -> list[tuple[int, Path]]:
@@ -135,27 +137,50 @@ class Store:
         ]
 
     def map_points(self, block: Block) -> list[NDArray[np.void]]:
-        """The records of a block's points, an array a file; of a file no more is read than is looked at."""
+        """The records of a block's points that methods see, an array a file: of a dense scan those that stand
+        for the others. Of a file no more is read than is looked at."""
+        part = self.thinned(block)
+        return [part.mapped("records").view(self.record)] if part else self.map_all(block)
+
+    def thinned(self, block: Block) -> PartFile | None:
+        """The points that stand for all of a dense scan in a block, with who stands for whom
+        (`eaves.blocks.thinned`); None or empty where all speak for themselves."""
+        return PartFile(self.path(THINNED, block)) if self.has(THINNED, block) else None
+
+    def followers(self, block: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint32]]]:
+        """The ids (K,) of all points of a dense scan in a block, piece by piece, and the numbers (K,) of what
+        stands for them; nothing where all speak for themselves."""
+        part, first = self.thinned(block), 0
+        if not part:
+            return
+        stands = part.mapped("stands")
+        for records in self.map_all(block):
+            for piece in np.split(records, range(PIECE, len(records), PIECE)):
+                yield piece["point_id"], stands[first : first + len(piece)]
+                first += len(piece)
+
+    def map_all(self, block: Block) -> list[NDArray[np.void]]:
+        """The records of all points in a block, an array a file; of a file no more is read than is looked
+        at."""
         files = map_records([path for _, path in self.scan_files(block)], self.record)
         ids = self.superseded(block)
         return [records[~np.isin(records["point_id"], ids)] for records in files] if len(ids) else files
 
     def path(self, step: str, unit: Block) -> Path:
         """The file of the result of a step for a block or a square."""
-        return self.folder / step / f"{unit.name}.npz"
+        return self.folder / step / f"{unit.name}.part"
 
     def has(self, step: str, unit: Block) -> bool:
         """True if the result exists."""
-        return os.path.exists(f"{self.folder}/{step}/{unit.name}.npz")
+        return os.path.exists(f"{self.folder}/{step}/{unit.name}.part")
 
     def array(self, step: str, unit: Block, name: str) -> NDArray[Any]:
         """An array of a result."""
-        with open_part(self.path(step, unit)) as file:
-            return np.asarray(file[name])
+        return PartFile(self.path(step, unit))[name]
 
     def units(self, step: str, side: float) -> list[Block]:
         """The blocks or squares of a side (m) that have results of a step, in order."""
-        names = [path.stem.split("_") for path in (self.folder / step).glob("*.npz")]
+        names = [path.stem.split("_") for path in (self.folder / step).glob("*.part")]
         return sorted(Block(int(column), int(row), side) for column, row in names)
 
     def mark(self, step: str, unit: Block) -> Mark | None:
@@ -196,10 +221,8 @@ class Store:
         """Keep a result with its mark, each whole or not at all."""
         path = self.path(step, unit)
         path.parent.mkdir(exist_ok=True)
-        save_part(path, arrays)
-        with zipfile.ZipFile(path) as file:
-            members = [(member.filename, member.CRC, member.file_size) for member in file.infolist()]
-        result_key = key_of([member for member in members if not member[0].startswith(SECONDS)])
+        table = save_part(path, arrays)
+        result_key = key_of({name: entry for name, entry in table.items() if name != SECONDS})
         nothing = key_of()
         mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, result_key)
         self._write_mark(step, unit, mark)
@@ -212,7 +235,7 @@ class Store:
 
     def remove(self, step: str, unit: Block) -> None:
         """Remove a result with its mark."""
-        for suffix in (".key", ".npz"):
+        for suffix in (".key", ".part"):
             self.path(step, unit).with_suffix(suffix).unlink(missing_ok=True)
 
     def keep_only(self, step: str, units: Iterable[Block]) -> None:
@@ -230,7 +253,7 @@ class Store:
                 shutil.rmtree(leftover)
             else:
                 leftover.unlink()
-        for path in sorted(self.folder.glob("*/*.npz")):
+        for path in sorted(self.folder.glob("*/*.part")):
             if not is_whole_part(path):
                 log.warning("%s: the part is damaged; it is computed again", path)
                 path.unlink()

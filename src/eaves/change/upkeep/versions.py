@@ -99,7 +99,7 @@ def name_versions(
     changed = {owner for owner in (*owners, *before.owners(side)) if owner.name not in same}
     for owner in owners:
         if owner.name in same and before.store.has(NAMED, owner):
-            for suffix in (".npz", ".key"):
+            for suffix in (".part", ".key"):
                 path = before.store.path(NAMED, owner).with_suffix(suffix)
                 link_file(path, after.path(NAMED, owner).with_suffix(suffix))
     fresh, earlier = (

@@ -1,0 +1,98 @@
+"""The points of a dense scan: one stands for its neighbours where anything is decided; all are classified."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.geometry.neighbours import thin_kernel
+from eaves.kernels import kernel
+from eaves.model import GRID_STEP, Block
+from eaves.model.cloud import PER_METRE, canonical_order
+from eaves.run.partition import COVER_CELL, PartMark, covered_kernel
+from eaves.run.points import first_kernel
+from eaves.run.store import join_records
+
+Records = NDArray[Any]
+
+ENOUGH_PER_M2 = 40.0
+"""Points per m² of a surface that decide a building: of a denser scan (overlapping strips, drones, images)
+one stands for its neighbours. Twice the density of national surveys, which the methods' numbers are for; from
+there on neither time nor memory grow."""
+SIDE = 0.16
+"""Side (m) of the cells, and height of their levels, in which one point stands for the others: of a surface
+no more than `ENOUGH_PER_M2` stay. Whole cells fill a block."""
+BAND = 4
+"""Rows of 1 m cells that are thinned at a time; whole cells of `SIDE` and of `COVER_CELL` fill them."""
+
+
+def dense_blocks(marks: Mapping[str, PartMark], record: np.dtype[np.void]) -> set[str]:
+    """The names of the blocks that may hold too many points: as many as that in the cells of one file, as the
+    marks of parts say."""
+    points, cells = Counter[str](), dict[str, int]()
+    for mark in marks.values():
+        for name, (size, _, covered) in mark.blocks.items():
+            points[name] += size // record.itemsize
+            cells[name] = max(cells.get(name, 0), covered)
+    return {name for name, count in points.items() if is_dense(count, cells[name])}
+
+
+def is_dense(count: int, cells: int) -> bool:
+    """True if points are more than `ENOUGH_PER_M2` in the cells (`COVER_CELL`) that they lie in."""
+    return count > ENOUGH_PER_M2 * COVER_CELL**2 * cells
+
+
+def see_files(
+    block: Block, points: Mapping[Block, list[Records]], parameters: Any
+) -> tuple[Block, list[Records]]:
+    """A block with its points, those of each file in canonical order."""
+    return block, points[block]
+
+
+def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict[str, NDArray[Any]]:
+    """The points that stand for all of a block, in canonical order, as bytes; and of all its points, file by
+    file, the number (N,) of the one that stands for each. Nothing where they are not dense.
+
+    Cells, fixed to the world, hold the points of all files: how these cut the area changes nothing. Memory
+    follows the rows in work and what is kept.
+    """
+    block, files = view
+    kept, count, covered = list[Records](), 0, 0
+    places = np.empty(sum(map(len, files)), np.uint32)
+    places_of_files = np.split(places, np.cumsum([len(records) for records in files])[:-1])
+    bands = int(np.ceil(block.side / BAND))
+    limits = [bands_kernel(records["xyz"], BAND * PER_METRE, bands) for records in files]
+    for band in range(bands):
+        ranges = [slice(*starts[band : band + 2]) for starts in limits]
+        records = join_records([file[rows] for file, rows in zip(files, ranges, strict=True)])
+        if not len(records):
+            continue
+        quanta = np.ascontiguousarray(records["xyz"])
+        covered += covered_kernel(quanta)
+        stands = thin_kernel(quanta, records["return_number"], round(SIDE / GRID_STEP))
+        chosen = np.flatnonzero(stands == np.arange(len(stands)))
+        chosen = chosen[canonical_order(quanta[chosen] * GRID_STEP, records["return_number"][chosen])]
+        place = np.empty(len(stands), np.uint32)
+        place[chosen] = np.arange(count, count + len(chosen))
+        pieces = np.split(place[stands], np.cumsum([rows.stop - rows.start for rows in ranges])[:-1])
+        for target, rows, piece in zip(places_of_files, ranges, pieces, strict=True):
+            target[rows] = piece
+        kept.append(records.take(chosen))
+        count += len(chosen)
+    if not is_dense(len(places), covered):
+        return {}
+    return {"records": join_records(kept).view(np.uint8), "stands": places}
+
+
+@kernel
+def bands_kernel(quanta: NDArray[np.int32], height: int, count: int) -> NDArray[np.int64]:
+    """Where each of `count` bands of a height (quanta) begins among points (N, 3) in canonical order, and
+    where the last one ends, (count + 1,)."""
+    starts = np.empty(count + 1, np.int64)
+    for band in range(count + 1):
+        starts[band] = first_kernel(quanta, 1, band * height, 0, len(quanta))
+    return starts
