@@ -39,7 +39,7 @@ from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.method import Consensus
 from eaves.detect.consensus.segments import Segments
 from eaves.ground import classify_ground
-from eaves.model import Bounds, Mask, Values
+from eaves.model import Bounds, Values
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
 
@@ -129,20 +129,21 @@ def regression(terms: Values, truth: Values, weight: Values, prior: Values) -> V
 
 def samples(row: Row, weights: Weights) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
     """Terms, truth and weight of the surfaces of a row, and of its cells."""
-    terms = measured_terms(row.evidence, row.segments, row.max_residual, weights, Consensus())
+    judged = row.evidence.candidate
+    terms = measured_terms(row.evidence, row.segments, judged, row.max_residual, weights, Consensus())
     size = row.segments.area
     use = (size >= 2.0) & np.isfinite(row.true_surface) & (row.segments.tall > 0.1)
     share = np.sqrt(size[use])
     whole = min(ROW_WEIGHT, float(use.sum()))
     surface = [terms.surface[use], row.true_surface[use], whole * share / max(share.sum(), 1.0)]
-    rest: Mask = row.evidence.candidate & ~terms.large & np.isfinite(row.true_cell)
-    chosen = np.flatnonzero(rest)
+    truth = row.true_cell[terms.cells]
+    chosen = np.flatnonzero(~terms.large[terms.cells] & np.isfinite(truth))
     if len(chosen) > CELLS_A_ROW:
         chosen = np.random.default_rng(0).choice(chosen, CELLS_A_ROW, replace=False)
     whole = min(ROW_WEIGHT, len(chosen) / CELLS_AS_ONE)
     cell = [
-        terms.cell.reshape(-1, terms.cell.shape[-1])[chosen],
-        row.true_cell.ravel()[chosen],
+        terms.cell[chosen],
+        truth[chosen],
         np.full(len(chosen), whole / max(len(chosen), 1)),
     ]
     return surface, cell

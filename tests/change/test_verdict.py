@@ -12,7 +12,7 @@ from eaves.change.surface import (
     SAME,
     UNSEEN,
     face_points,
-    pairs_within,
+    nearest_distances,
     point_planes,
 )
 from eaves.change.verdict import (
@@ -29,7 +29,6 @@ from eaves.change.verdict import (
     Side,
     judge_building,
 )
-from eaves.detect.toolkit.cells import Cells
 from eaves.model.cloud import BUILDING, GROUND, HIGH_VEGETATION
 
 STEP = 0.5
@@ -43,21 +42,24 @@ def grid(west: float, south: float, east: float, north: float, z: float, a: floa
     return np.column_stack([x, y, z + a * x + b * y])
 
 
-@pytest.mark.parametrize(("count", "others"), [(300, 400), (40, 1), (0, 10)])
-def test_the_pairs_are_those_that_all_distances_give(count: int, others: int) -> None:
+@pytest.mark.parametrize(("count", "others"), [(300, 400), (40, 1), (1, 10)])
+def test_a_point_is_faced_with_those_that_all_distances_give(count: int, others: int) -> None:
     chance = np.random.default_rng(count)
     xyz, beside = chance.uniform(-9, 9, (count, 3)), chance.uniform(-3, 5, (others, 3))
-    xyz[::2], beside[::2] = (
-        np.round(xyz[::2]),
-        np.round(beside[::2]),
-    )  # on the borders of cells, and 1 m apart
+    xyz[::2, :2] = np.round(xyz[::2, :2])  # on the borders of cells, and 1 m apart
+    beside[::2, :2] = np.round(beside[::2, :2])
     slope = chance.uniform(-1, 1, (count, 2))
-    point, other, way, over = pairs_within(xyz, slope, beside, 1.0, Cells.of(beside, 1.0, 0))
-    ways = beside[None] - xyz[:, None]
-    near = np.argwhere((ways[..., :2] ** 2).sum(axis=2) <= 1.0)
-    assert sorted(zip(point.tolist(), other.tolist(), strict=True)) == list(map(tuple, near.tolist()))
-    assert (way == ways[point, other, :2]).all()
-    assert over == pytest.approx(ways[point, other, 2] - (slope[point] * way).sum(axis=1))
+    way = beside[None] - xyz[:, None]
+    square, over = (way[..., :2] ** 2).sum(axis=2), way[..., 2] - (way[..., :2] * slope[:, None]).sum(axis=2)
+    state, _ = face_points(xyz, slope, beside, np.full(others, GROUND, np.uint8), 1.0, 0.25)
+    assert ((state == UNSEEN) | (square <= 1.0).any(axis=1)).all()
+    near = (square <= 1.0) & (np.abs(over) <= 2.0)
+    least = np.where(near, square, np.inf)
+    found = nearest_distances(xyz, slope, beside, 1.0, 2.0)
+    assert (np.isfinite(found) == near.any(axis=1)).all()
+    for number in np.flatnonzero(near.any(axis=1)):
+        nearest = over[number, least[number] == least[number].min()]
+        assert found[number] == pytest.approx(nearest[np.argmin(np.abs(nearest - found[number]))])
 
 
 def epoch(*parts):

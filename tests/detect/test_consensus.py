@@ -156,13 +156,11 @@ def test_the_residual_beside_a_ridge_is_that_of_the_faces() -> None:
 def test_a_plane_is_regressed_exactly() -> None:
     xy = np.random.default_rng(0).uniform(0, 3, (50, 2))
     z = 0.4 * xy[:, 0] - 0.2 * xy[:, 1] + 1.0
-    sums = sums_of(np.c_[xy, z], np.zeros(50, int), 1).reshape(1, 1, 10)
-    planes = np.full((4, 1, 1), np.inf)
-    planes_kernel(sums, 3, 6, 0.7, planes)
+    sums = sums_of(np.c_[xy, z], np.zeros(50, int), 1)
+    place, count = np.zeros((1, 1), int), np.full((1, 1), 50.0)
+    planes = planes_kernel(sums, place, count, 3, 6, 0.7)
     assert np.allclose(planes.ravel(), [0.4, -0.2, 1.0, 0.0], atol=1e-6)
-    planes[:] = np.inf
-    planes_kernel(sums, 3, 6, 1.0, planes)
-    assert planes[3, 0, 0] == np.inf
+    assert planes_kernel(sums, place, count, 3, 6, 1.0)[3, 0, 0] == np.inf
 
 
 def test_windows_sum_three_by_three_cells() -> None:

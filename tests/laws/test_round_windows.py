@@ -101,11 +101,12 @@ def test_evidence_is_finite__of_however_few_that_could_be_roofs(window: Cloud, f
     some = np.flatnonzero(method.candidates(scene))[:fewer]
     candidate = np.isin(np.arange(len(cloud)), some)
     xyz, evidence, segments = method.find_surfaces(scene, candidate)
-    terms = measured_terms(evidence, segments, method.tolerance(scene.spacing), method.judged_by, method)
+    most, judged = method.tolerance(scene.spacing), evidence.candidate
+    terms = measured_terms(evidence, segments, judged, most, method.judged_by, method)
     assert np.isfinite(xyz).all()
     assert int(evidence.candidate.sum()) <= fewer
     assert segments.count == 0
-    assert np.isfinite(terms.cell[evidence.candidate]).all()
+    assert np.isfinite(terms.cell).all()
 
 
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning:eaves.units")  # a cell on a wall: 0 / 0

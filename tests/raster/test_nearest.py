@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.raster.interpolate import near_cells, nearest_cells
+from eaves.model import Raster
+from eaves.raster.interpolate import fill_nearest, near_cells, nearest_cells
 
 
 @pytest.mark.parametrize(
@@ -34,3 +35,18 @@ def test_near_cells_are_those_within_the_distance(square: int, share: float) -> 
     rows, columns = np.nonzero(known | ~known)
     away = (rows[:, None] - known_rows) ** 2 + (columns[:, None] - known_columns) ** 2
     assert np.array_equal(near_cells(known, square).ravel(), (away <= square).any(axis=1))
+
+
+@pytest.mark.parametrize("within", [0.0, 1.0, 1.6, 2.5])
+def test_a_gap_takes_the_value_of_the_nearest_cell_within_the_distance(within: float) -> None:
+    values = np.random.default_rng(3).normal(0, 1, (30, 40)).astype(np.float32)
+    values[np.random.default_rng(4).random(values.shape) < 0.9] = np.nan
+    known = np.isfinite(values)
+    rows, columns = np.nonzero(~known)
+    row, column = nearest_cells(known, rows, columns)
+    near = 0.5 * np.hypot(row - rows, column - columns) <= within
+    expected = values.copy()
+    expected[rows[near], columns[near]] = values[row, column][near]
+    assert np.array_equal(
+        fill_nearest(Raster(values, 0.0, 15.0, 0.5), within).values, expected, equal_nan=True
+    )

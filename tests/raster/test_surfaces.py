@@ -123,7 +123,7 @@ def test_filling_leaves_known_cells_alone() -> None:
     holed[2:4, 2:4] = np.nan
     raster = Raster(holed, 0.0, 6.0, 1.0)
     assert np.allclose(fill_linear(raster).values, values, atol=1e-4)
-    assert (fill_nearest(raster).values[~np.isnan(holed)] == values[~np.isnan(holed)]).all()
+    assert (fill_nearest(raster, 2.0).values[~np.isnan(holed)] == values[~np.isnan(holed)]).all()
 
 
 def test_a_short_gap_takes_the_heights_between_its_ends() -> None:

@@ -99,9 +99,11 @@ def block_extent(notes: Sequence[BlockMetadata]) -> Bounds:
 
 def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
     """A result as the arrays of its file."""
-    high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
-    low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
-    candidate = (result.label > 0) | high | low
+    excluded = np.zeros(256, bool)  # a class in each place
+    excluded[list(NOISE_CLASSES)] = True
+    usable = ~excluded[result.classification]
+    high = (result.height >= CANDIDATE_HEIGHT) & usable & (result.classification != GROUND)
+    candidate = (result.label > 0) | high | (result.keeps_low & usable)
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
     # what was found outside given footprints is a building, too, though it is not modelled
     classes = np.where(result.vegetation > 0, result.vegetation, result.classification)
@@ -142,15 +144,14 @@ def ground_cells(result: BlockResult) -> NDArray[np.uint8]:
 def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
     """For labels 0 to `count`: 1 when points of it lie in the block, plus 2, 4, 8, 16 when some lie near its
     west, south, east, north side; 0 for label 0."""
-    sides = np.zeros(count + 1, np.uint8)
-    sides[result.label] = 1
-    x, y = result.xyz[:, 0], result.xyz[:, 1]
+    sides, labelled = np.zeros(count + 1, np.uint8), np.flatnonzero(result.label)
+    label, (x, y) = result.label[labelled], result.xyz[labelled, :2].T
+    sides[label] = 1
     far = result.block.side - BORDER
     for bit, beside in ((2, x < BORDER), (4, y < BORDER), (8, x >= far), (16, y >= far)):
         touched = np.zeros(count + 1, bool)
-        touched[result.label[beside]] = True
+        touched[label[beside]] = True
         sides[touched] |= bit
-    sides[0] = 0
     return sides
 
 

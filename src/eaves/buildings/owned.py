@@ -90,9 +90,9 @@ def model_buildings(
     failures = [building for building in view.buildings if isinstance(building, Failure)]
     detected = [building for building in view.buildings if not isinstance(building, Failure)]
     clock = Clock()
-    buildings = [part for building in detected for part in divide_parts(building, parameters.outline)]
-    footprints = draw_all(buildings, parameters)
-    buildings = [replace(building, others=None) for building in buildings]
+    traced = [pair for building in detected for pair in trace_parts(building, parameters.outline)]
+    footprints = draw_all([boundary for _, boundary in traced], parameters.outline)
+    buildings = [replace(building, others=None) for building, _ in traced]
     clock.lap("outline")
     buildings, footprints = split_buildings(buildings, footprints, view.addresses, parameters.units)
     clock.lap("units")
@@ -144,19 +144,6 @@ def recheck(results: list[BuildingResult], recipe: Recipe, unit_m: float) -> Ite
         return range(len(results))
 
 
-def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
-    """The footprints of a block's buildings together; one by one where one of them breaks the others."""
-    try:
-        return draw_footprints(buildings, recipe)
-    except ContractError:
-        raise
-    except Exception as error:  # as in try_building: the others must not go with it
-        if len(buildings) == 1:
-            log.debug("traceback", exc_info=True)
-            return [Failure("internal_error", error_line(error), "outline")]
-        return [draw_all([building], recipe)[0] for building in buildings]
-
-
 OBJECTS = "2.2"
 """The first level of detail with objects on the roof."""
 
@@ -183,33 +170,48 @@ def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[Build
     return [building.take(number[nearest] == k) for k in range(int(number.max()) + 1)]
 
 
-def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
-    """A footprint for each building that is not given one; those of one owner block are regularised together,
-    so that neighbours share their edges.
-    """
-    drawn: list[Footprint | Failure] = [
-        building.given or Failure("no_outline", "the outline stage answered nothing", "outline")
-        for building in buildings
-    ]
-    boundaries: dict[int, Boundary] = {}
-    for number, building in enumerate(buildings):
-        if building.given is None:
-            boundary = trace_outline(
-                building.roof_points,
-                building.spacing,
-                recipe.outline,
-                not_last=building.roof_not_last,
-                ground=None if building.ground_seen is None else cells_of(building.ground_seen),
-                others=building.others,
-            )
-            if isinstance(boundary, Failure):
-                drawn[number] = boundary
-            else:
-                boundaries[number] = boundary
-    regular = regularise_outlines(list(boundaries.values()), recipe.outline)
-    for number, footprint in zip(boundaries, regular, strict=True):
-        drawn[number] = footprint
-    return drawn
+def trace_parts(
+    building: BuildingPoints, outline: OutlineMethod
+) -> list[tuple[BuildingPoints, Boundary | Footprint | Failure]]:
+    """The parts of a building, each with its boundary, or with the footprint that it is given."""
+    try:
+        parts = divide_parts(building, outline)
+        return [(part, part.given or trace_part(part, outline)) for part in parts]
+    except ContractError:
+        raise
+    except Exception as error:  # as in try_building: the others must not go with it
+        log.debug("traceback", exc_info=True)
+        return [(building, Failure("internal_error", error_line(error), "outline"))]
+
+
+def trace_part(part: BuildingPoints, outline: OutlineMethod) -> Boundary | Failure:
+    """The boundary of the points of a building that has no footprint."""
+    return trace_outline(
+        part.roof_points,
+        part.spacing,
+        outline,
+        not_last=part.roof_not_last,
+        ground=None if part.ground_seen is None else cells_of(part.ground_seen),
+        others=part.others,
+    )
+
+
+def draw_all(
+    traced: Sequence[Boundary | Footprint | Failure], outline: OutlineMethod
+) -> list[Footprint | Failure]:
+    """The footprints of a block's boundaries, regularised together, so that neighbours share their edges; one
+    by one where one of them breaks the others. What is no boundary is the answer itself."""
+    boundaries = [one for one in traced if isinstance(one, Boundary)]
+    try:
+        regular = iter(regularise_outlines(boundaries, outline))
+    except ContractError:
+        raise
+    except Exception as error:  # as in try_building
+        if len(traced) == 1:
+            log.debug("traceback", exc_info=True)
+            return [Failure("internal_error", error_line(error), "outline")]
+        return [draw_all([one], outline)[0] for one in traced]
+    return [next(regular) if isinstance(one, Boundary) else one for one in traced]
 
 
 def building_pass(

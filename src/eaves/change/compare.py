@@ -33,7 +33,9 @@ from eaves.change.verdict import ChangeRules, Verdict, judge_building
 from eaves.figures.party_walls import PARTY_GAP
 from eaves.flow.advice import STRIP_CELL
 from eaves.flow.run import Progress, no_progress
-from eaves.model import NOISE_CLASSES, Block, Bounds, PointCloud, Points
+from eaves.geometry.components import members
+from eaves.geometry.inside import edges_of, points_in_polygons
+from eaves.model import Block, Bounds, PointCloud, Points
 
 BESIDE_M = 1.5
 """Largest distance (m) of a part that no run found from its building."""
@@ -176,12 +178,12 @@ class Comparer:
             owner, building = self.owners(places[inside], epoch, block, site_of[epoch], local)
             mine_of = np.flatnonzero((owner >= 0) | roof.flat[inside])
             own = inside[mine_of]
-            usable = ~np.isin(other.classes, NOISE_CLASSES)
+            usable = np.flatnonzero(~clouds[1 - epoch][0].noise)
             state, distance = face_points(
                 places[own],
                 roof.slope[own],
-                clouds[1 - epoch][1][usable],
-                other.classes[usable],
+                clouds[1 - epoch][1].take(usable, axis=0),
+                other.classes.take(usable),
                 self.measured.radius,
                 self.measured.tolerance,
             )
@@ -223,26 +225,26 @@ class Comparer:
         owner, of = np.full(len(xyz), -1, np.int64), np.full(len(xyz), -1, np.int64)
         if not len(xyz):
             return owner, of
-        west, south, east, north = vars(block.bounds.buffered(REACH)).values()
         buildings = (self.old, self.new)[epoch].buildings
-        box = shapely.box(west, south, east, north)
-        for number in np.sort(self.trees[epoch].query(box, predicate="intersects")).tolist():
-            building = buildings[number]
-            own = shapely.transform(building.polygon, lambda xy: xy - np.array(block.origin)).buffer(
-                self.measured.spacings[epoch] / 2
-            )
-            w, s, e, n = own.bounds
-            near = np.flatnonzero(
-                (xyz[:, 0] >= w) & (xyz[:, 0] <= e) & (xyz[:, 1] >= s) & (xyz[:, 1] <= n) & (owner < 0)
-            )
-            near = near[shapely.contains_xy(own, xyz[near, 0], xyz[near, 1])]
-            of[near] = number
-            sites = site_of[building.id]
+        box = shapely.box(*vars(block.bounds.buffered(REACH)).values())
+        around = np.sort(self.trees[epoch].query(box, predicate="intersects"))
+        outlines = shapely.transform(
+            np.array([buildings[number].polygon for number in around], object),
+            lambda xy: xy - np.array(block.origin),
+        )
+        grown = shapely.buffer(outlines, self.measured.spacings[epoch] / 2)
+        parts, outline = shapely.get_parts(grown, return_index=True)
+        point, part = points_in_polygons(xyz, *edges_of(parts), len(parts))
+        point, first = np.unique(point, return_index=True)  # of several the first
+        place = outline[part[first]]
+        of[point] = around[place]
+        for k, members_of in enumerate(members(place, len(around))):
+            near, sites = point[members_of], site_of[buildings[around[k]].id]
             if len(sites) == 1:
                 owner[near] = sites[0]
                 continue
             places = shapely.points(xyz[near, :2])
-            away = np.stack([shapely.distance(places, local.get(k, own)) for k in sites])
+            away = np.stack([shapely.distance(places, local.get(site, grown[k])) for site in sites])
             owner[near] = np.array(sites)[np.argmin(away, axis=0)]
         loose = np.flatnonzero(owner < 0)
         if len(loose) and local:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Polygon
 
 from eaves.change.changes import BuildingChange
@@ -19,9 +18,12 @@ from eaves.change.measure import SMOOTHEST, classes_of
 from eaves.change.shift import TRIM
 from eaves.change.surface import point_planes
 from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, patches_of
+from eaves.detect.toolkit.cells import Cells
 from eaves.flow.advice import STRIP_CELL
-from eaves.model import BUILDING, GROUND, NOISE_CLASSES, Mask, PointCloud, Points, Values
+from eaves.geometry.neighbours import nearest
+from eaves.model import BUILDING, Mask, PointCloud, Points, Values
 
+IN_PLAN = np.array([1.0, 1.0, 0.0])
 MOSTLY = 0.6
 """Where a roof that the run did not find stands, this share of the high points lies on planes."""
 
@@ -43,14 +45,13 @@ def roof_points(xyz: Points, cloud: PointCloud, rough: float, lowest: float) -> 
     """The points of roofs: those the run found, and others that lie on a plane `lowest` (m) or
     more over the ground; roofs are `rough` (m, one standard deviation)."""
     classes = classes_of(cloud).copy()
-    ground = xyz[classes == GROUND]
-    found = classes == BUILDING
-    high = ~found & ~np.isin(classes, (GROUND, *NOISE_CLASSES))
+    ground, found = xyz[cloud.ground], classes == BUILDING
+    high = ~(found | cloud.ground | cloud.noise)
     height = np.full(len(xyz), np.nan)
     if len(ground):
         some = np.flatnonzero(found | high)
-        _, nearest = cKDTree(ground[:, :2]).query(xyz[some, :2])
-        height[some] = xyz[some, 2] - ground[nearest, 2]
+        beneath, _ = nearest(xyz[some] * IN_PLAN, ground * IN_PLAN, 1)
+        height[some] = xyz[some, 2] - ground[beneath[:, 0], 2]
     high &= height >= lowest
     which = np.flatnonzero(found | high)
     slope, rms = point_planes(xyz[which])
@@ -64,12 +65,10 @@ def roof_points(xyz: Points, cloud: PointCloud, rough: float, lowest: float) -> 
 def mostly(flat: Mask, xyz: Points, side: float) -> Mask:
     """Mask (N,) of the points in square cells most (`MOSTLY`) of whose points are flat: roofs are, and in
     crowns a few leaves lie on a plane by chance."""
-    cell = np.floor(xyz[:, :2] / side).astype(np.int64)
-    cell -= cell.min(axis=0, initial=0)
-    counts = np.zeros((2, *(cell.max(axis=0, initial=0) + 1)))
-    np.add.at(counts[0], tuple(cell.T), flat)
-    np.add.at(counts[1], tuple(cell.T), 1)
-    return np.asarray((counts[0] >= MOSTLY * counts[1])[tuple(cell.T)])
+    if not len(xyz):
+        return flat
+    cells = Cells.of(xyz, side, 0)
+    return np.asarray((cells.total(flat.astype(np.float64)) >= MOSTLY * cells.count)[cells.cell])
 
 
 Faced = tuple[NDArray[Any], ...]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.geometry.planes import local_planes
-from eaves.kernels import kernel
+from eaves.kernels import inlined_kernel, kernel
 from eaves.model import BUILDING, GROUND, Integers, Mask, Points, Values
 
 UNSEEN, SAME, GROUND_BELOW, ROOF_BELOW, ROOF_ABOVE, OTHER_BELOW, HIDDEN = range(7)
@@ -31,9 +31,6 @@ disc are, on the mean, by 0.42."""
 STANDING = 0.2
 """Points of no roof make a surface where they are at least this share of those on and under it: at a corner
 of a roof a quarter lies on it, and of a crown single leaves lie at the height of any roof."""
-AT_ONCE = 20_000
-"""Roof points that are faced together: with each go all points around it."""
-
 ROUNDING = 1e-6
 """Width (m) by which cells are looked up beyond a radius: more than a sum of coordinates is rounded by."""
 
@@ -50,63 +47,28 @@ def point_planes(xyz: Points) -> tuple[NDArray[np.float64], Values]:
     return np.where(steep[:, None], 0.0, slope), np.where(steep, np.nan, rough)
 
 
-@kernel
-def pairs_kernel(
-    xyz: Points,
-    others: Points,
+@inlined_kernel
+def rows_near(
+    y: float, radius: float, corner: tuple[float, float], shape: tuple[int, int]
+) -> tuple[int, int]:
+    """First row of cells within a radius (m) of a height on the map, and the first behind them."""
+    north = max(int(np.floor((corner[1] - y - radius - ROUNDING) / radius)), 0)
+    return north, min(int(np.floor((corner[1] - y + radius + ROUNDING) / radius)) + 1, shape[0])
+
+
+@inlined_kernel
+def run_near(
+    x: float,
+    row: int,
     radius: float,
     corner: tuple[float, float],
     shape: tuple[int, int],
-    order: Integers,
     first: Integers,
-) -> tuple[Integers, Integers]:
-    """The numbers (P,) of points (N, 3) and (P,) of others within a `radius` (m) of them in plan, the points
-    in order; cells of the others, as wide: their north-western corner, rows and columns, order and starts, as
-    `Cells` has them."""
-    reach = radius + ROUNDING
-    point, other = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
-    count = 0
-    for number in range(len(xyz)):
-        x, y = xyz[number, 0], xyz[number, 1]
-        west = min(max(int(np.floor((x - reach - corner[0]) / radius)), 0), shape[1])
-        east = max(min(int(np.floor((x + reach - corner[0]) / radius)) + 1, shape[1]), west)
-        north = max(int(np.floor((corner[1] - y - reach) / radius)), 0)
-        south = min(int(np.floor((corner[1] - y + reach) / radius)) + 1, shape[0])
-        for row in range(north, south):
-            start, end = first[row * shape[1] + west], first[row * shape[1] + east]
-            while count + end - start > len(point):
-                point, other = np.append(point, point), np.append(other, other)
-            for place in range(start, end):
-                dx, dy = others[order[place], 0] - x, others[order[place], 1] - y
-                if dx * dx + dy * dy <= radius * radius:
-                    point[count], other[count] = number, order[place]
-                    count += 1
-    return point[:count], other[:count]
-
-
-def pairs_within(
-    xyz: Points, slope: NDArray[np.float64], others: Points, radius: float, cells: Cells
-) -> tuple[Integers, Integers, Values, Values]:
-    """Pairs (P,) of roof points (N, 3) on planes with slopes (N, 2) and points of the other epoch within a
-    `radius` (m) in plan: the numbers of both, the ways from the one to the other (P, 2) and how far the other
-    lies over the plane (m); the `cells` are those of the others."""
-    corner = cells.west, cells.north
-    point, other = pairs_kernel(xyz, others, radius, corner, cells.shape, cells.order, cells.start)
-    return point, other, *ways_kernel(xyz, slope, others, point, other)
-
-
-@kernel
-def ways_kernel(
-    xyz: Points, slope: Values, others: Points, point: Integers, other: Integers
-) -> tuple[Values, Values]:
-    """The ways (P, 2) of pairs, and how far (P,) the others lie over the planes."""
-    way, over = np.empty((len(point), 2)), np.empty(len(point))
-    for pair in range(len(point)):
-        one, two = point[pair], other[pair]
-        dx, dy = others[two, 0] - xyz[one, 0], others[two, 1] - xyz[one, 1]
-        way[pair, 0], way[pair, 1] = dx, dy
-        over[pair] = others[two, 2] - xyz[one, 2] - (slope[one, 0] * dx + slope[one, 1] * dy)
-    return way, over
+) -> tuple[int, int]:
+    """The run, in the order of cells, of the points in a row of cells within a radius (m) of a place."""
+    west = min(max(int(np.floor((x - radius - ROUNDING - corner[0]) / radius)), 0), shape[1])
+    east = max(min(int(np.floor((x + radius + ROUNDING - corner[0]) / radius)) + 1, shape[1]), west)
+    return first[row * shape[1] + west], first[row * shape[1] + east]
 
 
 def face_points(
@@ -123,27 +85,17 @@ def face_points(
     if not len(others):
         return state, distance
     cells = Cells.of(others, radius, 0)
-    for first in range(0, len(xyz), AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        point, other, way, over = pairs_within(xyz[some], slope[some], others, radius, cells)
-        limit = tolerance * np.sqrt(1.0 + (slope[some] ** 2).sum(axis=1))
-        state[some], distance[some] = states_of((point, way, over), classes[other], radius, limit)
-    return state, distance
-
-
-def states_of(
-    places: tuple[Integers, Values, Values], kind: NDArray[np.uint8], radius: float, limit: Values
-) -> tuple[NDArray[np.uint8], Values]:
-    """States and distances (N,) of roof points, from the point, way and height of each of their pairs, and
-    the classes (P,) of the others; what lies within a `limit` (N,) of the plane is on it."""
-    numbers, heights, ground_way = tally_kernel(*places, kind, limit)
+    others, classes = others.take(cells.order, axis=0), classes.take(cells.order)
+    near = xyz, slope, others, cells.start, (cells.west, cells.north), cells.shape, radius
+    limit = tolerance * np.sqrt(1.0 + (slope**2).sum(axis=1))
+    numbers, heights, ground_way = tally_kernel(*near, classes, limit)
     seen, standing, built, below, ground = numbers
     top, roof_below, ground_top, roof_above = heights
     same = (built > 0) | ((standing > 0) & (standing >= STANDING * (standing + below)))
     under = np.isfinite(top) & (roof_below == top) & (-top <= roof_above)
     roof = np.where(under, top, roof_above)
     # the other roof must lie around the point: what lies to one side of it is seen past it
-    level, level_way, rise = level_kernel(*places, roof, 4 * limit)
+    level, level_way, rise = level_kernel(*near, roof, 4 * limit)
     roofed, grounded, nothing = np.isfinite(roof), ground > 0, np.full(len(limit), np.nan)
     cases = (
         (seen == 0, UNSEEN, nothing),
@@ -170,49 +122,102 @@ def is_beside(number: Integers, way: Values, radius: float) -> Mask:
 
 @kernel
 def tally_kernel(
-    point: Integers, way: Values, over: Values, kind: NDArray[np.uint8], limit: Values
+    xyz: Points,
+    slope: Values,
+    others: Points,
+    first: Integers,
+    corner: tuple[float, float],
+    shape: tuple[int, int],
+    radius: float,
+    classes: NDArray[np.uint8],
+    limit: Values,
 ) -> tuple[Integers, Values, Values]:
-    """Of each roof point the numbers (5, N) of its pairs, of those on its plane, of these on a roof, of those
-    below, of these on the ground; the heights (4, N) of the highest below, of roofs and of the ground there,
-    and of the lowest roof above; the sum (2, N) of the ways to the ground below."""
-    numbers, ground_way = np.zeros((5, len(limit)), np.int64), np.zeros((2, len(limit)))
-    heights = np.full((4, len(limit)), -np.inf)
+    """The points of another epoch around each of some roof points.
+
+    Parameters
+    ----------
+    xyz, slope : ndarray (N, 3), (N, 2)
+        Roof points, and the slopes of their planes.
+    others, classes : ndarray (M, 3), (M,)
+        Points of the other epoch in the order of cells as wide as `radius`, and their classes.
+    first, corner, shape
+        Starts, north-western corner, and rows and columns of those cells, as `Cells` has them.
+    radius : float
+        Largest distance (m) in plan.
+    limit : ndarray (N,)
+        Distance (m) from the plane, upright, up to which a point is on it.
+
+    Returns
+    -------
+    numbers : ndarray (5, N)
+        Of the points within the radius, of those on the plane, of these on a roof, of those below, of these
+        on the ground.
+    heights : ndarray (4, N)
+        Over the plane, of the highest below, of roofs and of the ground there; of the lowest roof above.
+    ground_way : ndarray (2, N)
+        Sum of the ways to the ground below.
+    """
+    numbers, ground_way = np.zeros((5, len(xyz)), np.int64), np.zeros((2, len(xyz)))
+    heights = np.full((4, len(xyz)), -np.inf)
     heights[3] = np.inf
-    for pair in range(len(point)):
-        roof, height = point[pair], over[pair]
-        numbers[0, roof] += 1
-        if abs(height) <= limit[roof]:
-            numbers[1, roof] += 1
-            numbers[2, roof] += kind[pair] == BUILDING
-        elif height < 0.0:
-            numbers[3, roof] += 1
-            heights[0, roof] = max(heights[0, roof], height)
-            if kind[pair] == BUILDING:
-                heights[1, roof] = max(heights[1, roof], height)
-            elif kind[pair] == GROUND:
-                numbers[4, roof] += 1
-                heights[2, roof] = max(heights[2, roof], height)
-                ground_way[0, roof] += way[pair, 0]
-                ground_way[1, roof] += way[pair, 1]
-        elif kind[pair] == BUILDING:
-            heights[3, roof] = min(heights[3, roof], height)
+    for roof in range(len(xyz)):
+        x, y, z = xyz[roof, 0], xyz[roof, 1], xyz[roof, 2]
+        north, south = rows_near(y, radius, corner, shape)
+        for row in range(north, south):
+            start, end = run_near(x, row, radius, corner, shape, first)
+            for other in range(start, end):
+                dx, dy, kind = others[other, 0] - x, others[other, 1] - y, classes[other]
+                if dx * dx + dy * dy > radius * radius:
+                    continue
+                height = others[other, 2] - z - (slope[roof, 0] * dx + slope[roof, 1] * dy)
+                numbers[0, roof] += 1
+                if abs(height) <= limit[roof]:
+                    numbers[1, roof] += 1
+                    numbers[2, roof] += kind == BUILDING
+                elif height < 0.0:
+                    numbers[3, roof] += 1
+                    heights[0, roof] = max(heights[0, roof], height)
+                    if kind == BUILDING:
+                        heights[1, roof] = max(heights[1, roof], height)
+                    elif kind == GROUND:
+                        numbers[4, roof] += 1
+                        heights[2, roof] = max(heights[2, roof], height)
+                        ground_way[0, roof] += dx
+                        ground_way[1, roof] += dy
+                elif kind == BUILDING:
+                    heights[3, roof] = min(heights[3, roof], height)
     return numbers, heights, ground_way
 
 
 @kernel
 def level_kernel(
-    point: Integers, way: Values, over: Values, height: Values, most: Values
+    xyz: Points,
+    slope: Values,
+    others: Points,
+    first: Integers,
+    corner: tuple[float, float],
+    shape: tuple[int, int],
+    radius: float,
+    level: Values,
+    most: Values,
 ) -> tuple[Integers, Values, Values]:
-    """Of each roof point the number (N,) of its pairs within `most` (N,) of a `height` (N,) over its plane,
-    and the sums of the ways (2, N) to them and of their heights (N,)."""
-    number, ways, heights = np.zeros(len(most), np.int64), np.zeros((2, len(most))), np.zeros(len(most))
-    for pair in range(len(point)):
-        roof = point[pair]
-        if abs(over[pair] - height[roof]) <= most[roof]:
-            number[roof] += 1
-            ways[0, roof] += way[pair, 0]
-            ways[1, roof] += way[pair, 1]
-            heights[roof] += over[pair]
+    """Number (N,) of the points around each roof point within `most` (N,) of a `level` (N,) over its plane,
+    the sums of the ways (2, N) to them and of their heights (N,); the other arguments are those of
+    `tally_kernel`."""
+    number, ways, heights = np.zeros(len(xyz), np.int64), np.zeros((2, len(xyz))), np.zeros(len(xyz))
+    for roof in range(len(xyz)):
+        x, y, z = xyz[roof, 0], xyz[roof, 1], xyz[roof, 2]
+        north, south = rows_near(y, radius, corner, shape)
+        for row in range(north, south if np.isfinite(level[roof]) else north):
+            start, end = run_near(x, row, radius, corner, shape, first)
+            for other in range(start, end):
+                dx, dy = others[other, 0] - x, others[other, 1] - y
+                height = others[other, 2] - z - (slope[roof, 0] * dx + slope[roof, 1] * dy)
+                if dx * dx + dy * dy <= radius * radius and abs(height - level[roof]) <= most[roof]:
+                    number[roof] += 1
+                    ways[0, roof] += dx
+                    ways[1, roof] += dy
+                    heights[roof] += height
     return number, ways, heights
 
 
@@ -221,12 +226,34 @@ def nearest_distances(
 ) -> Values:
     """Distance (N,) of the other epoch's surface over roof points: of the nearest in plan of those no
     farther than `most` (m) from the plane; NaN where there is none."""
-    distance = np.full(len(xyz), np.nan)
-    point, _, way, over = pairs_within(xyz, slope, others, radius, Cells.of(others, radius, 0))
-    on = np.flatnonzero(np.abs(over) <= most)
-    point, over, square = point[on], over[on], (way[on] ** 2).sum(axis=1)
-    least = np.full(len(xyz), np.inf)
-    np.minimum.at(least, point, square)
-    nearest = np.flatnonzero(square == least[point])
-    distance[point[nearest]] = over[nearest]
+    cells = Cells.of(others, radius, 0)
+    others, corner = others.take(cells.order, axis=0), (cells.west, cells.north)
+    return np.asarray(
+        nearest_surface_kernel(xyz, slope, others, cells.start, corner, cells.shape, radius, most)
+    )
+
+
+@kernel
+def nearest_surface_kernel(
+    xyz: Points,
+    slope: Values,
+    others: Points,
+    first: Integers,
+    corner: tuple[float, float],
+    shape: tuple[int, int],
+    radius: float,
+    most: float,
+) -> Values:
+    """See `nearest_distances`; the arguments are those of `tally_kernel`. Of equals it is the last."""
+    distance, least = np.full(len(xyz), np.nan), np.full(len(xyz), radius * radius)
+    for roof in range(len(xyz)):
+        x, y, z = xyz[roof, 0], xyz[roof, 1], xyz[roof, 2]
+        north, south = rows_near(y, radius, corner, shape)
+        for row in range(north, south):
+            start, end = run_near(x, row, radius, corner, shape, first)
+            for other in range(start, end):
+                dx, dy = others[other, 0] - x, others[other, 1] - y
+                over = others[other, 2] - z - (slope[roof, 0] * dx + slope[roof, 1] * dy)
+                if abs(over) <= most and dx * dx + dy * dy <= least[roof]:
+                    distance[roof], least[roof] = over, dx * dx + dy * dy
     return distance

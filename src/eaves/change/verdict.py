@@ -91,11 +91,17 @@ class Side:
     @property
     def came(self) -> Mask:
         """The points under which the other epoch shows the ground, or what is no roof."""
-        return np.isin(self.state, (GROUND_BELOW, OTHER_BELOW))
+        return self.having(GROUND_BELOW, OTHER_BELOW)
+
+    def having(self, *states: int) -> Mask:
+        """The points that have one of some states."""
+        chosen = np.zeros(HIDDEN + 1, bool)  # a state in each place
+        chosen[list(states)] = True
+        return chosen[self.state]
 
     def share(self, *states: int) -> float:
         """The share of the points that have one of some states."""
-        return float(np.isin(self.state, states).mean()) if len(self) else 0.0
+        return float(self.having(*states).mean()) if len(self) else 0.0
 
     def area_of(self, *masks: Mask) -> float:
         """The area (m²) of some points."""
@@ -203,7 +209,7 @@ def judge_building(
 
 def is_gone(one: Side, other: Side, rules: ChangeRules) -> bool:
     """True if no significant part of one epoch's roof is left in the other."""
-    left = one.area_of(np.isin(one.state, (SAME, ROOF_ABOVE, ROOF_BELOW)))
+    left = one.area_of(one.having(SAME, ROOF_ABOVE, ROOF_BELOW))
     return left < max(rules.smallest_m2, rules.most * min(one.area, other.area))
 
 
@@ -260,7 +266,7 @@ def kind_of_move(rise: Values) -> str:
 
 def moved(side: Side, way: float) -> Values:
     """Rise (m) of the roof at each point, old to new; NaN where it is the same, or no roof."""
-    return np.where(np.isin(side.state, (ROOF_ABOVE, ROOF_BELOW)), way * side.distance, np.nan)
+    return np.where(side.having(ROOF_ABOVE, ROOF_BELOW), way * side.distance, np.nan)
 
 
 def patches_of(side: Side, mask: Mask, rules: ChangeRules, link: float) -> list[Mask]:

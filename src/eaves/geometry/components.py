@@ -46,3 +46,19 @@ def members(group: Labels | Integers, count: int) -> list[Integers]:
     """The numbers of the members of each of `count` groups, ascending; of group -1 there is no list."""
     order = np.argsort(group, kind="stable")
     return np.split(order, np.searchsorted(group[order], np.arange(count + 1)))[1:-1]
+
+
+@kernel
+def members_kernel(group: Integers, count: int) -> tuple[Integers, Integers]:
+    """The numbers (N,) of the members of `count` groups, group by group, ascending, and where those of each
+    begin (count + 1,)."""
+    first = np.zeros(count + 1, np.int64)
+    for one in group:
+        first[one + 1] += 1
+    for one in range(count):
+        first[one + 1] += first[one]
+    place, order = first[:-1].copy(), np.empty(len(group), np.int64)
+    for number in range(len(group)):
+        order[place[group[number]]] = number
+        place[group[number]] += 1
+    return order, first

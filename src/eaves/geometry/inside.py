@@ -8,9 +8,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.components import members_kernel
 from eaves.kernels import kernel
 from eaves.model import Integers, Mask, Points, Values
 
+POINTS_PER_ROW = 12
+"""Mean number of points in a row of plan in which they are looked up."""
 ROUNDING = 1e-15
 """Share of its terms by which a cross product may be wrong; nearer to zero its sign is found exactly."""
 
@@ -33,60 +36,68 @@ def points_in_polygons(
     `points` are (N, 2 or 3), the edges of `count` polygons go from `start` to `end` (E, 2), all of a polygon
     together: `owner` (E,) ascends.
     """
-    order = np.argsort(points[:, 1])
     first = np.searchsorted(owner, np.arange(count + 1))
-    x, y = points[order, 0], points[order, 1]
+    x, y = np.ascontiguousarray(points[:, :2].T)
     point, polygon, sure = inside_kernel(x, y, start, end, first)
     for number in np.flatnonzero(~sure).tolist():
         edges = slice(first[polygon[number]], first[polygon[number] + 1])
         sure[number] = is_inside(x[point[number]], y[point[number]], start[edges], end[edges])
-    point, polygon = order[point[sure]], polygon[sure]
-    order = np.argsort(point * count + polygon)
-    return point[order], polygon[order]
+    return (point, polygon) if sure.all() else (point[sure], polygon[sure])
 
 
 @kernel
 def inside_kernel(
-    x: Values,
-    y: Values,
-    start: Values,
-    end: Values,
-    first: Integers,
+    x: Values, y: Values, start: Values, end: Values, first: Integers
 ) -> tuple[Integers, Integers, Mask]:
-    """Pairs of point and polygon (K,), (K,) that lie inside or may do so, and which are sure (K,).
+    """Pairs of point and polygon (K,), (K,) that lie inside or may do so, in their order, and which are sure
+    (K,).
 
-    Points at `x`, `y` (N,), y ascending; the edges of polygon p are `first[p]` to `first[p + 1]`. Counts the
-    edges that a ray to the east of the point crosses.
+    Points at `x`, `y` (N,) are looked up by rows of plan; the edges of polygon p are `first[p]` to
+    `first[p + 1]`. Counts the edges that a ray to the east of the point crosses.
     """
+    south, north = np.inf, -np.inf
+    for i in range(len(x)):
+        south, north = min(south, y[i]), max(north, y[i])
+    rows = max(len(x) // POINTS_PER_ROW, 1)
+    per_m = rows / max(north - south, 1e-9)
+    order, opens = rows_kernel(y, south, per_m, rows)
     room, hits = len(x) + 16, 0
     point, polygon = np.empty(room, np.int64), np.empty(room, np.int64)
     sure = np.empty(room, np.bool_)
-    candidates = np.empty(len(x), np.int64)
-    height = np.empty(len(x))
-    odd, border, unsure = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
+    candidates, begins = np.empty(len(x), np.int64), np.empty(rows + 1, np.int64)
+    odd, border = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
+    unsure = np.zeros(len(x), np.bool_)
     for number in range(len(first) - 1):
         edges = range(first[number], first[number + 1])
         if len(edges) == 0:
             continue
-        west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
+        west, low, east, high = np.inf, np.inf, -np.inf, -np.inf
         for edge in edges:
             west, east = min(west, start[edge, 0]), max(east, start[edge, 0])
-            south, north = min(south, start[edge, 1]), max(north, start[edge, 1])
+            low, high = min(low, start[edge, 1]), max(high, start[edge, 1])
+        if low > north or high < south:
+            continue
         count = 0
-        for k in range(np.searchsorted(y, south), np.searchsorted(y, north, side="right")):
-            if west <= x[k] <= east:
-                candidates[count], height[count] = k, y[k]
-                odd[count] = border[count] = unsure[count] = False
-                count += 1
+        lowest = min(max(int((low - south) * per_m), 0), rows - 1)
+        highest = min(max(int((high - south) * per_m), 0), rows - 1)
+        for row in range(lowest, highest + 1):
+            begins[row] = count
+            for place in range(opens[row], opens[row + 1]):
+                k = order[place]
+                if west <= x[k] <= east and low <= y[k] <= high:
+                    candidates[count] = k
+                    odd[count] = border[count] = unsure[count] = False
+                    count += 1
+        begins[highest + 1] = count
         for edge in edges:
             ax, ay, bx, by = start[edge, 0], start[edge, 1], end[edge, 0], end[edge, 1]
             low, high = min(ay, by), max(ay, by)
             right = max(ax, bx)
-            for k in range(np.searchsorted(height[:count], low), count):
-                if height[k] > high:
-                    break
-                px, py = x[candidates[k]], height[k]
-                if px > right:
+            since = begins[min(max(int((low - south) * per_m), lowest), highest)]
+            until = begins[min(max(int((high - south) * per_m), lowest), highest) + 1]
+            for k in range(since, until):
+                px, py = x[candidates[k]], y[candidates[k]]
+                if px > right or py < low or py > high:
                     continue
                 if (px == bx and py == by) or (low == high and px >= min(ax, bx)):
                     border[k] = True
@@ -112,7 +123,18 @@ def inside_kernel(
                 point[hits], polygon[hits] = candidates[k], number
                 sure[hits] = border[k] or not unsure[k]
                 hits += 1
-    return point[:hits], polygon[:hits], sure[:hits]
+    turn, _ = members_kernel(point[:hits], len(x))
+    return point[turn], polygon[turn], sure[turn]
+
+
+@kernel
+def rows_kernel(y: Values, south: float, per_m: float, rows: int) -> tuple[Integers, Integers]:
+    """The numbers (N,) of places at `y` (N,; m) row by row, so many to a metre, and where rows open."""
+    row = np.empty(len(y), np.int64)
+    for i in range(len(y)):
+        row[i] = min(max(int((y[i] - south) * per_m), 0), rows - 1)
+    order, opens = members_kernel(row, rows)
+    return order, opens
 
 
 def is_inside(x: float, y: float, start: Values, end: Values) -> bool:

@@ -17,6 +17,9 @@ from eaves.model import Integers, Mask, Points, Values
 NEAR = 0.3
 """Radius in plan (m) within which a higher building point hides a point."""
 
+STRIP = 0.5
+"""Width (m) of the strips in which such points are looked for: more than the radius, exact as a number."""
+
 DROP = 0.6
 """Height (m) from which a point above another hides it: walls, balconies and under-eaves drop out."""
 
@@ -71,24 +74,34 @@ def roof_point_mask(xyz: Points) -> Mask:
     """
     if len(xyz) == 0:
         return np.zeros(0, bool)
-    order = np.argsort(xyz[:, 0])
+    strip = np.floor(xyz[:, 0] / STRIP)
+    order = np.lexsort((xyz[:, 1], strip))
     mask = np.empty(len(xyz), bool)
-    mask[order] = uncovered_kernel(xyz[order])
+    mask[order] = uncovered_kernel(xyz[order], strip[order])
     return mask
 
 
 @kernel
-def uncovered_kernel(xyz: Points) -> Mask:
-    """The mask (N,) as `roof_point_mask` says, of points (N, 3) from west to east."""
+def uncovered_kernel(xyz: Points, strip: Values) -> Mask:
+    """The mask (N,) as `roof_point_mask` says, of points (N, 3) from south to north in each `strip` (N,),
+    the strips from west to east."""
     uncovered = np.ones(len(xyz), np.bool_)
+    beside = 0
     for i in range(len(xyz)):
-        for j in range(i + 1, len(xyz)):
-            east = xyz[j, 0] - xyz[i, 0]
-            if east > NEAR:
-                break
-            rise = xyz[j, 2] - xyz[i, 2]
-            if abs(rise) > DROP and east**2 + (xyz[j, 1] - xyz[i, 1]) ** 2 <= NEAR**2:
-                uncovered[i if rise > 0.0 else j] = False
+        if i == 0 or strip[i] != strip[i - 1]:
+            beside = max(beside, i)
+            while beside < len(xyz) and strip[beside] == strip[i]:
+                beside += 1
+        x, y, east = xyz[i, 0], xyz[i, 1], strip[i] + 1.0
+        while beside < len(xyz) and strip[beside] == east and xyz[beside, 1] < y - NEAR:
+            beside += 1
+        for first, number in ((i + 1, strip[i]), (beside, east)):
+            for j in range(first, len(xyz)):
+                if strip[j] != number or xyz[j, 1] > y + NEAR:
+                    break
+                rise = xyz[j, 2] - xyz[i, 2]
+                if abs(rise) > DROP and (xyz[j, 0] - x) ** 2 + (xyz[j, 1] - y) ** 2 <= NEAR**2:
+                    uncovered[i if rise > 0.0 else j] = False
     return uncovered
 
 

@@ -391,11 +391,18 @@ def linear_kernel(xy: Points, heights: Values, vertices: Ids, triangle: Ids, tar
     return values
 
 
-def areas_and_radii(xy: NDArray[np.float64], triangles: NDArray[Any]) -> tuple[Values, Values]:
+@kernel
+def areas_and_radii(xy: Points, triangles: Ids) -> tuple[Values, Values]:
     """Area (T,), m², of triangles (T, 3) of points (N, 2 or 3) in plan, and radius (T,), m, of the circle
     around each; infinite without an area."""
-    x, y = xy[:, 0][triangles], xy[:, 1][triangles]
-    dx, dy = x[:, [1, 2, 0]] - x, y[:, [1, 2, 0]] - y
-    area = 0.5 * np.abs(dx[:, 0] * dy[:, 1] - dy[:, 0] * dx[:, 1])
-    sides = np.sqrt((dx * dx + dy * dy).prod(axis=1))
-    return area, np.where(area > 1e-12, sides / np.maximum(4.0 * area, 1e-12), np.inf)
+    area, radius = np.empty(len(triangles)), np.full(len(triangles), np.inf)
+    for t in range(len(triangles)):
+        a, b, c = triangles[t]
+        ux, uy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+        vx, vy = xy[c, 0] - xy[b, 0], xy[c, 1] - xy[b, 1]
+        wx, wy = xy[a, 0] - xy[c, 0], xy[a, 1] - xy[c, 1]
+        area[t] = 0.5 * abs(ux * vy - uy * vx)
+        if area[t] > 1e-12:
+            sides = (ux * ux + uy * uy) * (vx * vx + vy * vy) * (wx * wx + wy * wy)
+            radius[t] = np.sqrt(sides) / (4.0 * area[t])
+    return area, radius

@@ -126,15 +126,15 @@ def extreme_kernel(
     xyz: Points, west: float, north: float, cell: float, rows: int, columns: int, sign: float
 ) -> Integers:
     """Number of the point with the largest sign * z in each cell, (rows, columns)."""
-    best = np.full((rows, columns), EMPTY, np.int64)
+    best, extreme = np.full((rows, columns), EMPTY, np.int64), np.empty((rows, columns))
     for i in range(len(xyz)):
         row = int(np.floor((north - xyz[i, 1]) / cell))
         column = int(np.floor((xyz[i, 0] - west) / cell))
         if row < 0 or row >= rows or column < 0 or column >= columns:
             continue
-        rival = best[row, column]
-        if rival < 0 or sign * xyz[i, 2] > sign * xyz[rival, 2]:
-            best[row, column] = i
+        height = sign * xyz[i, 2]
+        if best[row, column] < 0 or height > extreme[row, column]:
+            best[row, column], extreme[row, column] = i, height
     return best
 
 

@@ -24,18 +24,12 @@ def steps_within(reach: int) -> tuple[Step, ...]:
     )
 
 
-def neighbour_pairs(
-    mask: Mask, subset: Mask | None = None, steps: tuple[Step, ...] = ONWARD
-) -> tuple[Integers, Integers]:
-    """Flat numbers of all pairs of cells a step apart that are both set in `mask` (H, W), and at least one of
-    them in `subset` (H, W) where that is given."""
+def neighbour_pairs(mask: Mask, steps: tuple[Step, ...] = ONWARD) -> tuple[Integers, Integers]:
+    """Flat numbers of all pairs of cells a step apart that are both set in `mask` (H, W)."""
     pairs = []
     for step in steps:
         a, b = shifted(mask.shape, step)
-        linked = mask[a] & mask[b]
-        if subset is not None:
-            linked &= subset[a] | subset[b]
-        pairs.append(numbers_in(linked, step, mask.shape))
+        pairs.append(numbers_in(mask[a] & mask[b], step, mask.shape))
     first, second = zip(*pairs, strict=True)
     return np.concatenate(first), np.concatenate(second)
 

@@ -123,17 +123,31 @@ def near_kernel(away: NDArray[np.int32], most: NDArray[np.int32]) -> Mask:
 SHORT_GAP = 2  # cells; a gap in a row or column of cells that needs no triangles
 
 
-def fill_nearest(raster: Raster, within: float = np.inf) -> Raster:
-    """Empty cells take the value of the nearest filled cell, if it is at most `within` (m) away."""
-    finite = np.isfinite(raster.values)
-    if finite.all() or not finite.any():
-        return raster
-    rows, columns = np.nonzero(~finite)
-    row, column = nearest_cells(finite, rows, columns)
-    reachable = np.hypot(row - rows, column - columns) * raster.cell <= within
-    values = raster.values.copy()
-    values[rows[reachable], columns[reachable]] = raster.values[row[reachable], column[reachable]]
-    return raster.with_(values=values)
+def fill_nearest(raster: Raster, within: float) -> Raster:
+    """Empty cells take the value of the nearest filled cell that is at most `within` (m) away, as
+    `nearest_cells` picks it."""
+    most = int(within / raster.cell)
+    down, right = np.indices((2 * most + 1, 2 * most + 1)).reshape(2, -1) - most
+    order = np.lexsort((down, right, down**2 + right**2))
+    order = order[np.hypot(down, right)[order] * raster.cell <= within]
+    return raster.with_(values=first_filled_kernel(raster.values, down[order], right[order]))
+
+
+@kernel
+def first_filled_kernel(values: Grid, down: Integers, right: Integers) -> Grid:
+    """Values (H, W) in which an empty cell has that of the first filled one among the steps (K,) from it."""
+    rows, columns = values.shape
+    filled = values.copy()
+    for row in range(rows):
+        for column in range(columns):
+            if not np.isnan(values[row, column]):
+                continue
+            for k in range(len(down)):
+                r, c = row + down[k], column + right[k]
+                if 0 <= r < rows and 0 <= c < columns and not np.isnan(values[r, c]):
+                    filled[row, column] = values[r, c]
+                    break
+    return filled
 
 
 def fill_linear(raster: Raster) -> Raster:

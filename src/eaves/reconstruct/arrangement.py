@@ -13,6 +13,7 @@ from eaves.figures.attributes import (
     describe_roof,
     surface_heights,
 )
+from eaves.geometry.components import members_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
@@ -35,7 +36,7 @@ from eaves.reconstruct.toolkit.evidence import (
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_towers, find_superstructures
-from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage, leaving_kernel
+from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import LOWEST_ROOF, corner_rank, extrude_plan, is_sound, make_moves, without_numbers
 from eaves.solids.soundness import LOWEST_WALL
@@ -155,7 +156,7 @@ def moves_kernel(
     A point swept by several edges goes from cell to cell, so that the changes add up. `labels` (C,) of the
     `planes` (P, 3), `rank` (V,) as by `corner_rank`.
     """
-    leaving, first = leaving_kernel(start, len(nodes))
+    leaving, first = members_kernel(start, len(nodes))
     moves, swept = 0, 0
     node, into, saved = np.empty(len(start), np.int64), np.empty(len(start), np.int64), np.empty(len(start))
     room = 8 * len(start)

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.components import unite_kernel
+from eaves.geometry.components import members_kernel, unite_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import inlined_kernel, kernel
@@ -25,21 +25,6 @@ MOST_ROUNDS = 40
 
 
 @kernel
-def leaving_kernel(start: Integers, size: int) -> tuple[Integers, Integers]:
-    """The half-edges (H,) by the node they leave, in order, and where those of each of `size` nodes begin."""
-    first = np.zeros(size + 1, np.int64)
-    for node in start:
-        first[node + 1] += 1
-    for node in range(size):
-        first[node + 1] += first[node]
-    place, leaving = first[:-1].copy(), np.empty(len(start), np.int64)
-    for half in range(len(start)):
-        leaving[place[start[half]]] = half
-        place[start[half]] += 1
-    return leaving, first
-
-
-@kernel
 def follow_kernel(
     nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers
 ) -> tuple[Integers, Integers]:
@@ -48,7 +33,7 @@ def follow_kernel(
 
     Where a cell touches itself in a node, the ring follows what lies between, so every ring is simple.
     """
-    leaving, first = leaving_kernel(start, len(nodes))
+    leaving, first = members_kernel(start, len(nodes))
     twin, following = np.full(len(start), -1), np.full(len(start), -1)
     for half in range(len(start)):
         node, least = end[half], np.inf
@@ -111,7 +96,7 @@ def contract_kernel(
     are kept; no cell where edges would fall together otherwise than by closing a cell up."""
     none = np.zeros(0, np.int64)
     start, end = target[start], target[end]
-    leaving, first = leaving_kernel(start, len(nodes))
+    leaving, first = members_kernel(start, len(nodes))
     stays = start != end
     for half in range(len(start)):
         for place in range(first[end[half]], first[end[half] + 1]):
@@ -119,7 +104,7 @@ def contract_kernel(
             if end[candidate] == start[half] and cell[candidate] == cell[half]:
                 stays[half] = False
     start, end, cell = start[stays], end[stays], cell[stays]
-    leaving, first = leaving_kernel(start, len(nodes))
+    leaving, first = members_kernel(start, len(nodes))
     for half in range(len(start)):
         alike, back = 0, 0
         for place in range(first[start[half]], first[start[half] + 1]):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.components import connected_groups_kernel, members_kernel, unite_kernel
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import kernel
@@ -25,6 +24,8 @@ from eaves.solids.coverage import (
 
 ROUNDED = 0.75
 """So near (steps of the grid) to a node a piece passes through it: what is rounded moves less."""
+ROW = 2**32
+"""Places of the grid in a row, when they are numbered."""
 
 
 def arrange(polygon: Polygon, segments: Values) -> Coverage | None:
@@ -39,64 +40,81 @@ def arrange(polygon: Polygon, segments: Values) -> Coverage | None:
         return None
     first, last, _ = edges_of(shapely.orient_polygons(shapely.get_parts(clean)))
     outline = np.round(np.hstack([first, last]) / COORDINATE_STEP)
-    knotted = knot(outline, segments / COORDINATE_STEP)
-    return None if knotted is None else cells_between(*knotted)
+    knotted = knot_kernel(outline, segments / COORDINATE_STEP, NARROWEST_NECK / COORDINATE_STEP)
+    return cells_between(*knotted) if len(knotted[0]) else None
 
 
-def knot(outline: Values, lines: Values) -> tuple[Values, Integers, Integers, Mask] | None:
+@kernel
+def knot_kernel(outline: Values, lines: Values, reach: float) -> tuple[Values, Integers, Integers, Mask]:
     """Nodes (V, 2), the pieces between them from `start` to `end` (K,), (K,), and which are of the outline.
 
     `outline` (E, 4) and `lines` (S, 4) are in steps of the grid, the outline on it. The lines bend through
-    corners, ends and meeting places that they pass within `NARROWEST_NECK`: four planes that meet in a point,
-    or a ridge that runs into another of its height, meet a few millimetres apart once each pair is
-    intersected for itself. Then pieces that cross are divided at the nearest point of the grid, until none
-    do. None where that does not end.
+    corners, ends and meeting places that they pass within the `reach`: four planes that meet in a point, or
+    a ridge that runs into another of its height, meet a few millimetres apart once each pair is intersected
+    for itself. Then pieces that cross are divided at the nearest point of the grid, until none do. No nodes
+    where that does not end.
     """
-    met, piece = meetings(np.vstack([outline, lines]))
+    met, piece = meetings_kernel(np.vstack((outline, lines)))
     on_outline = piece < len(outline)
-    corners = each_once(outline[:, :2])
-    inside = np.vstack([met[~on_outline], np.round(lines.reshape(-1, 2))])
-    crossings = np.vstack([met[on_outline], each_once(inside)])
-    reach = NARROWEST_NECK / COORDINATE_STEP
-    nodes, count = one_place_each(corners, crossings, reach)
-    _, start, end = pieces_through(nodes, outline, ROUNDED)
-    _, start_of_line, end_of_line = pieces_through(nodes[:count], lines, reach)
+    corners = each_once_kernel(outline[:, :2])
+    inside = np.vstack((met[~on_outline], np.rint(lines[:, :2]), np.rint(lines[:, 2:])))
+    places = np.vstack((corners, met[on_outline], each_once_kernel(inside)))
+    head = nearby_kernel(places, reach)
+    apart = head == np.arange(len(head))
+    nodes = np.vstack((places[apart], corners[~apart[: len(corners)]]))
+    _, start, end = pieces_through_kernel(nodes, outline, ROUNDED)
+    _, start_of_line, end_of_line = pieces_through_kernel(nodes[: np.sum(apart)], lines, reach)
     on_rim = np.arange(len(start) + len(start_of_line)) < len(start)
     start, end = np.append(start, start_of_line), np.append(end, end_of_line)
     for _ in range(MOST_ROUNDS):
-        pieces = np.hstack([nodes[start], nodes[end]])
-        met, _ = meetings(pieces)
-        nodes = each_once(np.vstack([nodes, met]))
-        piece, start, end = pieces_through(nodes, pieces, ROUNDED)
+        pieces = np.hstack((nodes[start], nodes[end]))
+        met, _ = meetings_kernel(pieces)
+        nodes = each_once_kernel(np.vstack((nodes, met)))
+        piece, start, end = pieces_through_kernel(nodes, pieces, ROUNDED)
         on_rim = on_rim[piece]
         if len(met) == 0 and len(piece) == len(pieces):
             return nodes, start, end, on_rim
-    return None
+    return nodes[:0], start[:0], end[:0], on_rim[:0]
 
 
-def one_place_each(corners: Values, crossings: Values, reach: float) -> tuple[Values, int]:
-    """One place for those of the corners (K, 2) and the other places (M, 2) that are connected by steps as
-    short as `reach`, the first of them; after so many the corners that are none of these."""
-    places = np.vstack([corners, crossings])
-    pairs = cKDTree(places).query_pairs(reach, output_type="ndarray")
-    group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
-    first = np.unique(group, return_index=True)[1]
-    left_out = np.ones(len(corners), bool)
-    left_out[first[first < len(corners)]] = False
-    return places[np.append(first, np.flatnonzero(left_out))], len(first)
+@kernel
+def nearby_kernel(places: Values, reach: float) -> Integers:
+    """The first (K,) of the places (K, 2) with which each is connected by steps no longer than `reach`."""
+    order = np.argsort(places[:, 0], kind="mergesort")
+    head = np.arange(len(places))
+    for i in range(len(order)):
+        x, y = places[order[i], 0], places[order[i], 1]
+        for j in range(i + 1, len(order)):
+            east, north = places[order[j], 0] - x, places[order[j], 1] - y
+            if east > reach:
+                break
+            if east * east + north * north <= reach * reach:
+                unite_kernel(head, order[i], order[j])
+    for place in range(len(head)):  # what it leads to comes before it
+        head[place] = head[head[place]]
+    return head
 
 
-def each_once(places: Values) -> Values:
-    """The places (K, 2), each once, by x and then by y."""
-    numbers = np.unique(places @ np.array([1.0, 1.0j]))
-    return np.column_stack([numbers.real, numbers.imag])
+@kernel
+def each_once_kernel(places: Values) -> Values:
+    """The places (K, 2) of the grid, each once, by x and then by y."""
+    keys = np.empty(len(places), np.int64)
+    for place in range(len(places)):
+        keys[place] = int(places[place, 0]) * ROW + int(places[place, 1])
+    keys = np.unique(keys)
+    once = np.empty((len(keys), 2))
+    for place in range(len(keys)):
+        x = (keys[place] + ROW // 2) // ROW
+        once[place, 0], once[place, 1] = x, keys[place] - x * ROW
+    return once
 
 
-def meetings(pieces: Values) -> tuple[Values, Integers]:
+@kernel
+def meetings_kernel(pieces: Values) -> tuple[Values, Integers]:
     """Crossings of two of the pieces (M, 4), rounded (K, 2), and the lower number of the two (K,)."""
-    order = np.argsort(np.minimum(pieces[:, 0], pieces[:, 2]), kind="stable")
+    order = np.argsort(np.minimum(pieces[:, 0], pieces[:, 2]), kind="mergesort")
     places, first, second = crossings_kernel(pieces[order])
-    return np.round(places), np.minimum(order[first], order[second])
+    return np.rint(places), np.minimum(order[first], order[second])
 
 
 @kernel
@@ -131,16 +149,21 @@ def crossings_kernel(pieces: Values) -> tuple[Values, Integers, Integers]:
     return places[:hits], pairs[0, :hits], pairs[1, :hits]
 
 
-def pieces_through(nodes: Values, pieces: Values, reach: float) -> tuple[Integers, Integers, Integers]:
+@kernel
+def pieces_through_kernel(nodes: Values, pieces: Values, reach: float) -> tuple[Integers, Integers, Integers]:
     """The pieces (M, 4) divided at the nodes (V, 2) that they pass within a `reach`: the piece (K,) that each
     part is of, and the nodes (K,), (K,) that it joins."""
-    order = np.argsort(nodes[:, 0], kind="stable")
-    among = nodes[order]
-    piece, node, along = passing_kernel(among, pieces, reach)
-    turn = np.lexsort((node, along, piece))
-    piece, node = piece[turn], order[node[turn]]
-    goes_on = piece[1:] == piece[:-1]
-    return piece[1:][goes_on], node[:-1][goes_on], node[1:][goes_on]
+    order = np.argsort(nodes[:, 0], kind="mergesort")
+    piece, node, along = passing_kernel(nodes[order], pieces, reach)
+    start, end, goes_on = np.empty_like(node), np.empty_like(node), np.zeros(len(node), np.bool_)
+    first = 0
+    while first < len(piece):
+        last = np.searchsorted(piece, piece[first], side="right")
+        passed = order[node[first:last][np.argsort(along[first:last], kind="mergesort")]]
+        start[first : last - 1], end[first : last - 1] = passed[:-1], passed[1:]
+        goes_on[first : last - 1] = True
+        first = last
+    return piece[goes_on], start[goes_on], end[goes_on]
 
 
 @kernel
@@ -174,67 +197,93 @@ def passing_kernel(nodes: Values, pieces: Values, reach: float) -> tuple[Integer
 def cells_between(nodes: Values, start: Integers, end: Integers, on_rim: Mask) -> Coverage | None:
     """The coverage of what lies to the left of the pieces of the outline, which are `on_rim` (K,), cut by the
     others; None where nothing does. Pieces meet in nodes (V, 2; steps of the grid) only."""
-    size = len(nodes)
-    inner = np.unique(start[on_rim] * size + end[on_rim])
-    edge = np.unique(np.minimum(start, end) * size + np.maximum(start, end))
-    while True:
-        cell_a, cell_b = edge // size, edge % size
-        start, end = np.concatenate([cell_a, cell_b]), np.concatenate([cell_b, cell_a])
-        twin = np.roll(np.arange(len(start)), len(edge))
-        halves, first = ring_order_kernel(next_clockwise(nodes, start, end)[twin])
-        ring = np.empty(len(start), np.int64)
-        ring[halves] = np.repeat(np.arange(len(first) - 1), np.diff(first))
-        cuts = ring[: len(edge)] != ring[len(edge) :]
-        if cuts.all():
-            break
-        edge = edge[cuts]
-    if len(edge) == 0:
+    inner = np.unique(start[on_rim] * len(nodes) + end[on_rim])
+    start, end, halves, first, area = rings_between_kernel(nodes, start, end)
+    if len(start) == 0:
         return None
-    x, y = (nodes - nodes[0]).T
-    area = np.add.reduceat((x[start] * y[end] - x[end] * y[start])[halves], first[:-1])
+    ring = np.empty(len(start), np.int64)
+    ring[halves] = np.repeat(np.arange(len(area)), np.diff(first))
     cell = np.where(area > 0.0, np.cumsum(area > 0.0) - 1, OUTSIDE)
     holes = np.flatnonzero(cell == OUTSIDE)
     if len(holes) > 1:
-        part = connected_groups_kernel(ring, ring[twin], len(area))
+        part = connected_groups_kernel(ring, np.roll(ring, len(ring) // 2), len(area))
         around = halves[cell[ring[halves]] != OUTSIDE]
         places = nodes[start[halves[first[holes]]]]
         ring_edges = (nodes[start[around]], nodes[end[around]], cell[ring[around]], int(cell.max()) + 1)
         hole, cells = points_in_polygons(places, *ring_edges)
         outer = np.flatnonzero(area > 0.0)
-        cell_b = part[outer[cells]] != part[holes[hole]]
-        hole, cells = hole[cell_b], cells[cell_b]
+        other = part[outer[cells]] != part[holes[hole]]
+        hole, cells = hole[other], cells[other]
         least = np.argsort(-area[outer[cells]], kind="stable")
         cell[holes[hole[least]]] = cells[least]
-    cell = cell[ring]
-    key = start * size + end
-    inside_left = inner[np.minimum(np.searchsorted(inner, key), len(inner) - 1)] == key
-    crossed = ~(inside_left | inside_left[twin])
-    count = int(cell.max()) + 2
-    region = connected_groups_kernel(cell[crossed] + 1, cell[twin][crossed] + 1, count)
-    covered = np.zeros(count, bool)
-    covered[region[cell[inside_left] + 1]] = True
-    covered = covered[region]
-    covered[0] = False
-    number = np.where(covered, np.cumsum(covered) - 1, OUTSIDE)
-    cell = number[cell + 1]
-    stays = halves[(cell != cell[twin])[halves]]  # ring by ring, the outside last
+    cell = covered_kernel(start * len(nodes) + end, inner, cell[ring])
+    stays = halves[(cell != np.roll(cell, len(cell) // 2))[halves]]  # ring by ring, the outside last
     stays = stays[np.argsort(cell[stays] == OUTSIDE, kind="stable")]
     places = np.round(nodes * COORDINATE_STEP, 6)
     return Coverage(*compact_kernel(places, start[stays], end[stays], cell[stays])) if len(stays) else None
 
 
-def next_clockwise(nodes: Values, start: Integers, end: Integers) -> Integers:
+@kernel
+def rings_between_kernel(
+    nodes: Values, start: Integers, end: Integers
+) -> tuple[Integers, Integers, Integers, Integers, Values]:
+    """Starts and ends (H,) of the half-edges of pieces between nodes (V, 2), each twin H / 2 further on,
+    these ring by ring (H,), where rings start (R + 1,), and their areas (R,). Pieces that hang free are left
+    out."""
+    edge = np.unique(np.minimum(start, end) * len(nodes) + np.maximum(start, end))
+    while True:
+        lower, upper, count = edge // len(nodes), edge % len(nodes), len(edge)
+        start, end = np.append(lower, upper), np.append(upper, lower)
+        clockwise = next_clockwise_kernel(nodes, start, end)
+        halves, first = ring_order_kernel(np.append(clockwise[count:], clockwise[:count]))
+        ring, area = np.empty(len(start), np.int64), np.zeros(len(first) - 1)
+        for number in range(len(area)):
+            for half in halves[first[number] : first[number + 1]]:
+                ring[half] = number
+                ax, ay = nodes[start[half], 0] - nodes[0, 0], nodes[start[half], 1] - nodes[0, 1]
+                bx, by = nodes[end[half], 0] - nodes[0, 0], nodes[end[half], 1] - nodes[0, 1]
+                area[number] += ax * by - bx * ay
+        cuts = ring[:count] != ring[count:]
+        if np.all(cuts):
+            return start, end, halves, first, area
+        edge = edge[cuts]
+
+
+@kernel
+def next_clockwise_kernel(nodes: Values, start: Integers, end: Integers) -> Integers:
     """For each half-edge from `start` (H,) to `end` (H,) the next one clockwise that leaves the same node."""
-    step = nodes[end] - nodes[start]
-    order = np.lexsort((np.arctan2(step[:, 1], step[:, 0]), start))
-    leaving = start[order]
-    opens = np.append(True, leaving[1:] != leaving[:-1])[: len(order)]
-    last = np.append(np.flatnonzero(opens)[1:], len(order)) - 1
-    before = np.roll(order, 1)
-    before[opens] = order[last]
-    following = np.empty_like(order)
-    following[order] = before
+    leaving, first = members_kernel(start, len(nodes))
+    following, angle = np.empty_like(start), np.empty(len(start))
+    for half in range(len(start)):
+        step = nodes[end[half]] - nodes[start[half]]
+        angle[half] = np.arctan2(step[1], step[0])
+    for node in range(len(nodes)):
+        fan = leaving[first[node] : first[node + 1]]
+        fan = fan[np.argsort(angle[fan], kind="mergesort")]
+        for place in range(len(fan)):
+            following[fan[place]] = fan[place - 1]
     return following
+
+
+@kernel
+def covered_kernel(key: Integers, inner: Integers, cell: Integers) -> Integers:
+    """The cell (H,) of each half-edge, numbered anew without those that no piece of the outline encloses.
+
+    `key` (H,) are the half-edges, the twins in the second half, `inner` those of the outline, ascending, with
+    what is covered to their left.
+    """
+    count, half_way = cell.max() + 2, len(key) // 2
+    twin = np.append(cell[half_way:], cell[:half_way])
+    place = np.minimum(np.searchsorted(inner, key), len(inner) - 1)
+    inside_left = inner[place] == key
+    crossed = ~(inside_left | np.append(inside_left[half_way:], inside_left[:half_way]))
+    region = connected_groups_kernel(cell[crossed] + 1, twin[crossed] + 1, count)
+    covered = np.zeros(count, np.bool_)
+    covered[region[cell[inside_left] + 1]] = True
+    covered = covered[region]
+    covered[0] = False
+    number = np.where(covered, np.cumsum(covered) - 1, OUTSIDE)
+    return number[cell + 1]
 
 
 def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.components import connected_groups_kernel, members_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import (
@@ -35,7 +35,6 @@ from eaves.solids.coverage import (
     corner_rank_kernel,
     coverage_of,
     cut_polygons,
-    leaving_kernel,
     sliver_kernel,
     straighten_kernel,
 )
@@ -277,7 +276,7 @@ def columns_kernel(
     start of an edge, foot and top over its end. Walls touch in a stretch of a column that more than two of
     them share. Tops, and floors, of neighbours with one number `over` (C,), and `under` (C,), are one face.
     """
-    leaving, first = leaving_kernel(start, len(nodes))
+    leaving, first = members_kernel(start, len(nodes))
     vertices, vertex = np.empty((2 * len(start), 3)), np.zeros((len(start), 2), np.int64)
     node_of, count = np.empty(2 * len(start), np.int64), 0
     for node in range(len(nodes)):

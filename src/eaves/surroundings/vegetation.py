@@ -16,6 +16,7 @@ from eaves.model import (
     Labels,
     Mask,
     PointCloud,
+    Points,
     Values,
 )
 from eaves.model.cloud import snap
@@ -65,7 +66,9 @@ def vegetation_classes(
     free = np.flatnonzero((cloud.classification == UNCLASSIFIED) & (label == 0) & (height >= 0.0))
     if len(free) == 0:
         return classes
-    grown = grown_cells(cloud.take(free), rules)
+    returns = cloud.number_of_returns
+    several = np.zeros(len(free), bool) if returns is None else returns[free] > 1
+    grown = grown_cells(cloud.xyz.take(free, axis=0), several, cloud.origin, rules)
     if part is not None:
         grown |= part[free] == TREE
     chosen = free[grown]
@@ -74,17 +77,16 @@ def vegetation_classes(
     return classes
 
 
-def grown_cells(cloud: PointCloud, rules: VegetationRules) -> Mask:
-    """Mask (N,) of the points in cells whose points show vegetation."""
-    corner = [*np.mod(cloud.origin, rules.cell), -np.floor(cloud.xyz[:, 2].min())]
-    xyz = snap(cloud.xyz + corner)  # cells are fixed to the world
+def grown_cells(xyz: Points, several: Mask, origin: tuple[float, float], rules: VegetationRules) -> Mask:
+    """Mask (N,) of the points (N, 3) about an origin in cells whose points show vegetation; `several` (N,)
+    marks those whose pulse had several returns."""
+    corner = [*np.mod(origin, rules.cell), -np.floor(xyz[:, 2].min())]
+    xyz = snap(xyz + corner)  # cells are fixed to the world
     cells = Cells.of(xyz, rules.cell, margin=0)
-    returns = cloud.number_of_returns
-    several = 0.0 if returns is None else cells.total((returns > 1).astype(np.float64))
-    shown = several >= rules.echoes * np.maximum(cells.count, 1)
+    shown = cells.total(several.astype(np.float64)) >= rules.echoes * np.maximum(cells.count, 1)
     sums = sums_of(xyz, cells.cell, cells.size)
-    dense = np.flatnonzero(cells.count > 3)
+    dense = np.flatnonzero((cells.count > 3) & ~shown)
     _, normal, rmse = fit_planes(sums[dense])
     freedom = cells.count[dense] / (cells.count[dense] - 3)  # a plane takes three points
-    shown[dense] |= rmse * np.sqrt(freedom) >= rules.roughness * np.maximum(normal[:, 2], 0.1)
+    shown[dense] = rmse * np.sqrt(freedom) >= rules.roughness * np.maximum(normal[:, 2], 0.1)
     return np.asarray(shown[cells.cell], np.bool_)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from eaves.detect.toolkit.cells import Cells
+from eaves.geometry.components import members
+from eaves.geometry.neighbours import nearest
+from eaves.kernels import kernel
 from eaves.methods import Method, parameter
-from eaves.model import GRID_STEP, GROUND, UNCLASSIFIED, Integers, Mask, PointCloud, Points, Values
+from eaves.model import GROUND, UNCLASSIFIED, Integers, Mask, PointCloud, Points, Values
 from eaves.raster.groups import grown_by_square
 
 
@@ -76,11 +78,11 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     high = np.flatnonzero((height >= rules.height) & (cloud.classification != GROUND) & ~cloud.noise)
     if spacing > rules.spacing or len(high) <= rules.neighbours:
         return on_wire
-    xyz = cloud.xyz[high]
+    xyz = cloud.xyz.take(high, axis=0)
     cells = Cells.of(xyz, rules.cell, margin=0)
     cell, shape = cells.cell, cells.shape
-    hanging = np.flatnonzero(top_in_air(cell, xyz[:, 2], 0.5 * rules.height))
-    sample = hanging[one_each(xyz[hanging], 0.5 * rules.cell)]
+    hanging = np.flatnonzero(top_in_air_kernel(cell, cells.size, xyz[:, 2], 0.5 * rules.height))
+    sample = hanging[one_each(xyz.take(hanging, axis=0), 0.5 * rules.cell)]
     sample = sample[
         few_around(cell[sample], (height[high[sample]] / rules.height).astype(np.int64), shape, rules.few)
     ]
@@ -89,8 +91,8 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     row = row[lines.ravel()[cell[row]]]
     if len(row):  # what hangs beside a point of a line is of the line
         close = hanging[grown_by_square(lines, 3).ravel()[cell[hanging]]]
-        away, _ = cKDTree(xyz[row]).query(xyz[close], distance_upper_bound=rules.cell)
-        on_wire[high[close[np.isfinite(away)]]] = True
+        _, away = nearest(xyz[close], xyz[row], 1)
+        on_wire[high[close[away[:, 0] < rules.cell]]] = True
     return on_wire
 
 
@@ -119,31 +121,31 @@ def find_towers(
     )
     top = cells.extreme(np.where(free, height, -np.inf)).reshape(cells.shape)
     group, count = ndimage.label(top >= beside - 2.0 * rules.cell, np.ones((3, 3)))
-    number = np.where(free, group.ravel()[cells.cell], 0)
-    for k in range(1, count + 1):
-        members = np.flatnonzero(number == k)
-        highest = float(height[members].max())
-        core = members[np.abs(height[members] - 0.5 * highest) <= 0.25 * highest]
-        gap = float(np.diff(np.sort(height[members]), prepend=0.0).max())
+    for points in members(np.where(free, group.ravel()[cells.cell], 0) - 1, count):
+        highest = float(height[points].max())
+        core = points[np.abs(height[points] - 0.5 * highest) <= 0.25 * highest]
+        gap = float(np.diff(np.sort(height[points]), prepend=0.0).max())
         if len(core) and gap <= rules.gap * highest:
-            towers[members] = highest >= rules.upright * np.ptp(cloud.xyz[core, :2], axis=0).max()
+            towers[points] = highest >= rules.upright * np.ptp(cloud.xyz[core, :2], axis=0).max()
     return towers
 
 
-def top_in_air(cell: Integers, z: Values, air: float) -> Mask:
+@kernel
+def top_in_air_kernel(cell: Integers, size: int, z: Values, air: float) -> Mask:
     """Mask (K,) of the high points that are the topmost of their cell, within `air` (m), with as much beneath
     them empty or in the cell nothing else: crowns reach down."""
-    # highest first in each cell, by one key: to sort by two takes five times as long
-    depth = np.rint((z.max(initial=0.0) - z) / GRID_STEP).astype(np.int64)
-    order = np.argsort(cell * (depth.max(initial=0) + 1) + depth)
-    first = np.diff(cell[order], prepend=-1) != 0
-    fallen = np.cumsum((np.diff(-z[order], prepend=0.0) > air) & ~first)
-    start = np.maximum.accumulate(np.where(first, np.arange(len(z)), 0))
-    uppermost = fallen == fallen[start]
-    depth = np.zeros(int(cell.max()) + 1)
-    np.maximum.at(depth, cell[order][uppermost], (z[order][start] - z[order])[uppermost])
-    in_air = np.zeros(len(z), bool)
-    in_air[order] = uppermost & (depth[cell[order]] <= air)
+    top, low, beneath = np.full(size, -np.inf), np.full(size, np.inf), np.full(size, -np.inf)
+    for i in range(len(z)):
+        top[cell[i]] = max(top[cell[i]], z[i])
+    for i in range(len(z)):
+        if top[cell[i]] - z[i] <= air:
+            low[cell[i]] = min(low[cell[i]], z[i])
+        else:
+            beneath[cell[i]] = max(beneath[cell[i]], z[i])
+    in_air = np.empty(len(z), np.bool_)
+    for i in range(len(z)):
+        here = cell[i]
+        in_air[i] = top[here] - z[i] <= air and low[here] - beneath[here] > air
     return in_air
 
 
@@ -160,20 +162,22 @@ def few_around(cell: Integers, layer: Integers, shape: tuple[int, int], few: int
     layers = int(layer.max(initial=0)) + 1
     place = cell * layers + layer
     count = np.bincount(place, minlength=shape[0] * shape[1] * layers).reshape(*shape, layers)
-    for axis in (0, 1):
-        count = ndimage.convolve1d(count, np.ones(3, np.int64), axis, mode="constant")
-    return np.asarray(count.ravel()[place] <= few, np.bool_)
+    around, (row, column) = np.pad(count, ((1, 1), (1, 1), (0, 0))), np.divmod(cell, shape[1])
+    total = sum(around[row + down, column + right, layer] for down in range(3) for right in range(3))
+    return np.asarray(total <= few, np.bool_)
 
 
 def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     """Mask (K,) of the points (K, 3) that lie in a row with their neighbours, more level than upright."""
     reach = rules.neighbours * rules.cell
-    tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)
-    away, neighbours = tree.query(xyz, rules.neighbours + 1, distance_upper_bound=reach)
-    row, crowded = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))
+    row = np.zeros(len(xyz), bool)
+    if len(xyz) <= rules.neighbours:
+        return row
+    neighbours, away = nearest(xyz, xyz, rules.neighbours + 1)
+    crowded = np.flatnonzero(away[:, rules.neighbours] < reach)
     group = xyz[neighbours[crowded]]
-    group = group - group.mean(axis=1, keepdims=True)
-    moments = group.transpose(0, 2, 1) @ group / (rules.neighbours + 1)
+    group -= group.mean(axis=1, keepdims=True)
+    moments = np.einsum("kma,kmb->kab", group, group) / (rules.neighbours + 1)
     # where the two smaller eigenvalues are small beside the largest, so are the minors beside the trace
     least, size = rules.across**2, np.trace(moments, axis1=1, axis2=2)
     minors = 0.5 * (size**2 - (moments**2).sum(axis=(1, 2)))

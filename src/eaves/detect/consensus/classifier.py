@@ -8,16 +8,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence, level_at
-from eaves.detect.consensus.segments import Segments, least_around
+from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.segments import Segments
 from eaves.detect.consensus.windows import WINDOW
 from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
-from eaves.detect.toolkit.surface_grid import mean_in
+from eaves.detect.toolkit.surface_grid import mean_in, share_around
+from eaves.kernels import kernel
 from eaves.methods import Method, parameter
-from eaves.model import Labels, Mask, Values
+from eaves.model import Integers, Labels, Mask, Values
+from eaves.raster.interpolate import nearest_cells
 
+EIGHT = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
+"""Steps to the eight neighbours of a cell."""
+Places = tuple[Integers, Integers]
+"""Rows and columns (K,) of cells."""
 SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
 CELL_SHAPE = ("constant", "rough", "low", "company", "enclosed", "far", "above")
 """The terms of surfaces, and of cells in none, without echoes and penetration."""
@@ -125,31 +130,26 @@ class EvidenceRules(Method):
     )
 
 
-def smooth_share(candidate: Mask, smooth: Mask) -> Values:
-    """Share (H, W) of the candidate cells in a square around each that are smooth, two windows and the cell
-    between wide: roofs keep company, while in a crown a plane fits here and there by chance."""
-    size = 2 * WINDOW + 1
-    around = ndimage.uniform_filter(candidate.astype(np.float64), size, mode="constant")
-    alike = ndimage.uniform_filter((smooth & candidate).astype(np.float64), size, mode="constant")
-    return np.asarray(alike / np.maximum(around, 0.5 / size**2), np.float64)
-
-
-def enclosure(roofs: Mask, steps: int) -> Values:
-    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) is within so many steps of each."""
-    rows, columns = roofs.shape
-    found = np.zeros(roofs.shape)
-    for down, right in ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)):
-        met = np.zeros(roofs.shape, bool)
-        for step in range(1, min(steps, rows - 1, columns - 1) + 1):
-            y, x = down * step, right * step
-            here = (slice(max(0, -y), rows - max(0, y)), slice(max(0, -x), columns - max(0, x)))
-            met[here] |= roofs[max(0, y) : rows - max(0, -y), max(0, x) : columns - max(0, -x)]
-        found += met
-    return found / 8.0
+@kernel
+def enclosure_kernel(roofs: Mask, steps: int, rows: Integers, columns: Integers) -> Values:
+    """Share (K,) of eight directions in which a cell of `roofs` (H, W) is within so many steps of each of
+    some cells (K,)."""
+    share = np.zeros(len(rows))
+    for i in range(len(rows)):
+        for down, right in EIGHT:
+            for step in range(1, steps + 1):
+                row, column = rows[i] + step * down, columns[i] + step * right
+                if not (0 <= row < roofs.shape[0] and 0 <= column < roofs.shape[1]):
+                    break
+                if roofs[row, column]:
+                    share[i] += 1.0 / len(EIGHT)
+                    break
+    return share
 
 
 def surface_shape(segments: Segments, company: Values, enclosed: Values, max_residual: float) -> Values:
-    """The terms of shape of each surface (K, 7), each term clipped, in the order of `SURFACE_SHAPE`."""
+    """The terms of shape of each surface (K, 7), each term clipped, in the order of `SURFACE_SHAPE`; the
+    means of `company` and `enclosed` (K,) are those of its cells."""
     return np.column_stack(
         [
             np.ones(segments.count),
@@ -157,42 +157,48 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
             np.clip(np.log(np.maximum(segments.residual, 1e-4) / (ROUGH * max_residual)), 0.0, 1.0),
             np.clip(segments.width - ROOM_M, -2.0, 2.0),
             np.clip(segments.height - ROOM_M, -1.0, 1.5),
-            mean_in(segments.label, segments.count, company),
-            mean_in(segments.label, segments.count, enclosed),
+            company,
+            enclosed,
         ]
     )
 
 
-def beside_roofs(evidence: Evidence, roofs: Mask, reach: float) -> tuple[Values, Values]:
-    """Distance (m) of each cell (H, W) from the nearest of `roofs` (H, W), and how high (m) its highest
-    point is over the plane of that cell, carried on; a height of 0 where no roof is within `reach` (m)."""
+def beside_roofs(evidence: Evidence, roofs: Mask, reach: float, cells: Places) -> tuple[Values, Values]:
+    """Distance (m) of cells, by rows and columns (K,), from the nearest of `roofs` (H, W), and how high (m)
+    the highest point of each is over the plane of that cell, carried on; a height of 0 where no roof is
+    within `reach` (m)."""
     if not roofs.any():
-        return np.full(evidence.shape, np.inf), np.zeros(evidence.shape)
-    steps, nearest = ndimage.distance_transform_edt(~roofs, return_indices=True)
-    distance = steps * evidence.cells.side
-    cells = np.ravel_multi_index(tuple(nearest), evidence.shape).ravel()
-    level = level_at(evidence, cells, np.arange(cells.size)).reshape(evidence.shape)
-    near = evidence.candidate & (distance < reach)
-    return distance, np.where(near, evidence.top, level) - level
+        return np.full(len(cells[0]), np.inf), np.zeros(len(cells[0]))
+    side, (row, column) = evidence.cells.side, nearest_cells(roofs, *cells)
+    distance = np.sqrt((row - cells[0]) ** 2.0 + (column - cells[1]) ** 2.0) * side
+    level = evidence.level[row, column] + evidence.east[row, column] * (cells[1] - column) * side
+    level -= evidence.north[row, column] * (cells[0] - row) * side
+    near = evidence.candidate[cells] & (distance < reach)
+    return distance, np.where(near, evidence.top[cells], level) - level
 
 
 def cell_shape(
-    evidence: Evidence, company: Values, enclosed: Values, roofs: Mask, reach: float, max_residual: float
+    evidence: Evidence,
+    cells: Places,
+    company: Values,
+    enclosed: Values,
+    roofs: Mask,
+    reach: float,
+    max_residual: float,
 ) -> Values:
-    """The terms of shape of cells (H, W, 7) in no surface, in the order of `CELL_SHAPE`: bushes are low,
-    crowns rough, far from roofs and higher than these would go on."""
-    distance, over = beside_roofs(evidence, roofs, reach)
-    return np.stack(
+    """The terms of shape (K, 7) of cells, by rows and columns (K,), in no surface, in the order of
+    `CELL_SHAPE`: bushes are low, crowns rough, far from roofs and higher than these would go on."""
+    distance, over = beside_roofs(evidence, roofs, reach, cells)
+    return np.column_stack(
         [
-            np.ones(evidence.shape),
-            np.clip(np.log(np.clip(evidence.residual, 1e-4, 10.0) / max_residual), -1.5, 2.0),
-            np.clip(evidence.height - STOREY_M, -1.5, 0.0),
+            np.ones(len(company)),
+            np.clip(np.log(np.clip(evidence.residual[cells], 1e-4, 10.0) / max_residual), -1.5, 2.0),
+            np.clip(evidence.height[cells] - STOREY_M, -1.5, 0.0),
             company,
             enclosed,
             np.clip(distance - WINDOW / 2 * evidence.cells.side, 0.0, 3.0),
             np.clip(over, 0.0, 4.0),
-        ],
-        axis=-1,
+        ]
     )
 
 
@@ -292,50 +298,68 @@ def cell_odds(shape: Values, told: Told, weights: Weights) -> Values:
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The terms of surfaces (K, T) and of cells; `large` (H, W) marks the cells that their
-    surface speaks for, `shape` (H, W, S) is that of `cell_shape`."""
+    """The terms of surfaces (S, T) and of cells, by rows and columns (K,): `shape` (K, 7) is that of
+    `cell_shape`; `large` (H, W) marks the cells that their surface speaks for."""
 
     surface: Values
+    cells: Places
     shape: Values
     told: Told
     large: Mask
 
     @property
     def cell(self) -> Values:
-        """The terms (H, W, T) of the cells."""
+        """The terms (K, T) of the cells."""
         return with_echoes(self.shape, self.told)
 
 
 def measured_terms(
-    evidence: Evidence, segments: Segments, max_residual: float, weights: Weights, limits: EvidenceRules
+    evidence: Evidence,
+    segments: Segments,
+    judged: Mask,
+    max_residual: float,
+    weights: Weights,
+    limits: EvidenceRules,
 ) -> Terms:
-    """The terms of all surfaces and cells, with what echoes and penetration tell in this very scan.
+    """The terms of all surfaces and of `judged` cells (H, W), all candidates among them, with what echoes and
+    penetration tell in this very scan.
 
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
     separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
     """
+    rows, columns = np.nonzero(judged)
+    cells = rows, columns
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
-    seen, most = evidence.candidate, limits.most_log_ratio
-    company = smooth_share(seen, segments.label > 0)
+    most, number = limits.most_log_ratio, segments.label[cells]
+    # roofs keep company, while in a crown a plane fits here and there by chance
+    company = share_around(segments.label > 0, evidence.candidate, 2 * WINDOW + 1)[cells]
     roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
-    enclosed = enclosure(roofs, round(limits.enclosed / evidence.cells.side))
-    of_surfaces = surface_shape(segments, company, enclosed, max_residual)
-    of_cells = cell_shape(evidence, company, enclosed, roofs, limits.enclosed, max_residual)
+    steps = round(limits.enclosed / evidence.cells.side)
+    enclosed = enclosure_kernel(roofs, steps, rows, columns)
+    of_surfaces = surface_shape(
+        segments,
+        mean_in(number, segments.count, company),
+        mean_in(number, segments.count, enclosed),
+        max_residual,
+    )
+    of_cells = cell_shape(evidence, cells, company, enclosed, roofs, limits.enclosed, max_residual)
     even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
-    several, through = evidence.multi_return_share, evidence.penetration
-    inner = least_around(several, seen), least_around(through, seen)  # surfaces are judged by their inside
-    of_seen, values = of_cells[seen], [measure[seen] for measure in (several, through, *inner)]
+    several, through = evidence.multi_return_share[cells], evidence.penetration[cells]
+    seen = np.flatnonzero(evidence.candidate[cells])
+    inner = evidence.inner_share[cells], evidence.inner_penetration[cells]
+    values = [measure[seen] for measure in (several, through, *inner)]
+    of_seen, large_seen, number = of_cells[seen], large[cells][seen], number[seen]
     echoes = penetration = inner_echoes = inner_penetration = nothing()
     for rounds_left in range(limits.rounds, -1, -1):
         told = Told(segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration, most)
         surface = without_objections(with_echoes(of_surfaces, told), even, weights)
         if not rounds_left:
             break
-        of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][segments.label[seen]]
+        of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][number]
         of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
-        likely = 1.0 / (1.0 + np.exp(-np.where(large[seen], of_surface, of_cell)))
+        likely = 1.0 / (1.0 + np.exp(-np.where(large_seen, of_surface, of_cell)))
         echoes, penetration, inner_echoes, inner_penetration = (separate(value, likely) for value in values)
-    return Terms(surface, of_cells, Told(several, through, echoes, penetration, most), large)
+    return Terms(surface, cells, of_cells, Told(several, through, echoes, penetration, most), large)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:

@@ -70,8 +70,7 @@ def region_doubts(
         A region may give several. Places are local metres.
     """
     found: list[Doubt] = []
-    empty = (evidence.cells.count == 0).reshape(evidence.shape)
-    outside = outside_of(empty)
+    empty, outside = evidence.empty, outside_of(*evidence.gaps)
     for number, around, cells in groups_of(region):
         if cells.sum() * evidence.cells.side**2 < MIN_AREA_M2:
             continue
@@ -119,9 +118,8 @@ def doubt_at(evidence: Evidence, around: tuple[slice, slice], mask: Mask, cells:
     return Doubt(round(x, 2), round(y, 2), round(float(cells.sum()) * side**2, 1), reason, STAGE)
 
 
-def outside_of(empty: Mask) -> Mask:
-    """The empty cells (H, W) that are connected with the border of the grid."""
-    found, count = ndimage.label(empty)
+def outside_of(found: Labels, count: int) -> Mask:
+    """The cells (H, W) of groups (H, W) 1…`count` that reach the border of the grid."""
     border = np.zeros(count + 1, bool)
     for line in (found[0], found[-1], found[:, 0], found[:, -1]):
         border[line] = True

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence, missed_by
-from eaves.model import Labels, Mask, Values
-from eaves.raster.groups import closed_by_square, grown_by_square, neighbour_pairs, opened_by_square
+from eaves.detect.consensus.evidence import Evidence, carried_on, missed_by
+from eaves.kernels import kernel
+from eaves.model import Integers, Labels, Mask, Values
+from eaves.raster.groups import closed_by_square, grown_by_square, opened_by_square
 
 
 def without_narrow_parts(building: Mask, evidence: Evidence, least: float) -> Mask:
@@ -20,8 +21,7 @@ def without_narrow_parts(building: Mask, evidence: Evidence, least: float) -> Ma
     size = int(least / evidence.cells.side + 1e-9)
     if size < 2:
         return building
-    empty = (evidence.cells.count == 0).reshape(evidence.shape)
-    closed = building | (closed_by_square(building, 3) & empty)
+    closed = building | (closed_by_square(building, 3) & evidence.empty)
     core = opened_by_square(closed, size)
     near = grown_by_square(core, size // 2 * 2 + 1)
     group, count = ndimage.label(closed, np.ones((3, 3)))
@@ -47,15 +47,42 @@ def attached_share(evidence: Evidence, region: Labels, count: int, continues: fl
         Of all pairs of a region's cell and an eight-neighbour outside, the share in which the highest point
         of the outer cell that is no candidate lies on the inner cell's plane, or at the height of its top.
     """
-    number = region.ravel()
-    occupied = (evidence.cells.count > 0).reshape(evidence.shape)
-    one, two = neighbour_pairs(occupied | (region > 0), region > 0)
-    inner, outer = np.r_[one, two], np.r_[two, one]
-    rim = (number[inner] > 0) & (number[outer] == 0)
-    inner, outer = inner[rim], outer[rim]
-    low = evidence.low.ravel()[outer]
-    goes_on = np.isfinite(low)
-    goes_on &= missed_by(evidence, inner, outer, np.where(goes_on, low, 0.0)) < continues
-    size = np.bincount(number[inner], minlength=count + 1)
-    hits = np.bincount(number[inner[goes_on]], minlength=count + 1)
+    planes = evidence.level, evidence.east, evidence.north, evidence.cells.side
+    size, hits = rims_kernel(
+        region, count, evidence.empty, evidence.low, evidence.top, evidence.residual, *planes, continues
+    )
     return np.asarray(hits / np.maximum(size, 1), np.float64)
+
+
+@kernel
+def rims_kernel(
+    region: Labels,
+    count: int,
+    empty: Mask,
+    low: Values,
+    top: Values,
+    residual: Values,
+    level: Values,
+    east: Values,
+    north: Values,
+    side: float,
+    continues: float,
+) -> tuple[Integers, Integers]:
+    """Pairs (count + 1,) of a cell of each region and an eight-neighbour with points outside, and those among
+    them in which the terrain continues it; see `attached_share`."""
+    rows, columns = region.shape
+    size, hits = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            number = region[row, column]
+            if number == 0:
+                continue
+            for y in range(max(0, row - 1), min(rows, row + 2)):
+                for x in range(max(0, column - 1), min(columns, column + 2)):
+                    if region[y, x] or empty[y, x]:
+                        continue
+                    size[number] += 1
+                    if np.isfinite(low[y, x]):
+                        plane = carried_on(level, east, north, side, row, column, y - row, x - column)
+                        hits[number] += missed_by(top, residual, low[y, x], plane, row, column) < continues
+    return size, hits

@@ -158,19 +158,20 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         xyz, evidence, segments = self.find_surfaces(scene, candidate)
         emit("residual", evidence.residual)
         emit("segments", segments.label)
-        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), self.judged_by, self)
-        building, roof, void, odds = self.settle(evidence, segments, terms, emit)
+        voids = find_roof_voids(evidence, self)
+        most = self.tolerance(scene.spacing)
+        terms = measured_terms(evidence, segments, evidence.candidate | voids[0], most, self.judged_by, self)
+        building, roof, odds = self.settle(evidence, segments, terms, voids, emit)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
-        most = self.tolerance(scene.spacing)
         hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, most, self.enclosed)
         emit("hidden", hidden)
         regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)
         crowns_pass = terms.told.echoes.power < 0.5  # the means are less than one spread apart
         roofs = surface if crowns_pass else np.zeros_like(surface)
-        doubts = void_doubts(evidence, void & (region > 0))
+        doubts = void_doubts(evidence, voids[0] & (region > 0))
         for groups, score, uneven in (
             (region, regions.score, unevenness_of(evidence, roofs)),
             (rocks, np.zeros(rocks.max(initial=0)), np.full(evidence.shape, np.nan)),
@@ -180,8 +181,9 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
         """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
-        z = scene.cloud.xyz[:, 2]
-        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(z.min(where=candidate, initial=z.max()))]
+        xyz = scene.cloud.xyz.copy()
+        z = xyz[:, 2]
+        z -= np.floor(z.min(where=candidate, initial=z.max()))
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
         evidence = gather_evidence(scene, xyz, candidate, side, self)
@@ -202,21 +204,22 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         evidence: Evidence,
         segments: Segments,
         terms: Terms,
+        voids: tuple[Mask, Mask],
         emit: Emit = ignore,
-    ) -> tuple[Mask, Mask, Mask, Values]:
-        """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
-        cell; (H, W) each."""
+    ) -> tuple[Mask, Mask, Values]:
+        """The building cells, those of roof surfaces, the log odds of the cells that were judged; (H, W)
+        each. `voids` are the roofs without points and their rims, as `find_roof_voids` says."""
         weights = self.judged_by
         emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
-        emitted = np.r_[0.0, emitted][segments.label]
-        odds = np.where(terms.large, emitted, cell_odds(terms.shape, terms.told, weights))
+        odds = np.r_[0.0, emitted][segments.label]
+        roof = (odds > 0.0) | voids[0]
+        of_cells = cell_odds(terms.shape, terms.told, weights)
+        odds[terms.cells] = np.where(terms.large[terms.cells], odds[terms.cells], of_cells)
         emit("odds", odds)
-        void, rims = find_roof_voids(evidence, self)
-        roof = (emitted > 0.0) | void
         sure = 2.0 * self.most_log_ratio  # both measures, at their most
-        building = void | rims | cut_cells(evidence, odds, sure, self.smoothness, self.max_jump)
+        building = voids[0] | voids[1] | cut_cells(evidence, odds, sure, self.smoothness, self.max_jump)
         emit("cut", building)
-        return building, roof, void, odds
+        return building, roof, odds
 
     @property
     def judged_by(self) -> Weights:

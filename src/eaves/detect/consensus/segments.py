@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence, level_at
+from eaves.detect.consensus.evidence import Evidence, carried_on
 from eaves.detect.toolkit.surface_grid import mean_in
+from eaves.geometry.components import unite_kernel
+from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Values
-from eaves.raster.groups import group_cells, neighbour_pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,29 +41,51 @@ class Segments:
 
 def find_segments(evidence: Evidence, smooth: Mask, max_gap: float, tall_height: float) -> Segments:
     """Connected groups of `smooth` cells (H, W) whose planes differ by less than `max_gap` at both."""
-    one, two = neighbour_pairs(smooth)
-    level = evidence.level.ravel()
-    gap = np.maximum(
-        np.abs(level_at(evidence, one, two) - level[two]), np.abs(level_at(evidence, two, one) - level[one])
-    )
-    joined = gap < max_gap
-    label, count = group_cells(smooth, one[joined], two[joined])
-    side, seen = evidence.cells.side, evidence.candidate
+    side = evidence.cells.side
+    label, count = groups_kernel(smooth, evidence.level, evidence.east, evidence.north, side, max_gap)
+    cells = np.flatnonzero(label)
+    number = label.ravel()[cells]
+
+    def mean(values: Values | Mask) -> Values:
+        return mean_in(number, count, values.ravel()[cells])
+
     return Segments(
         label=label,
-        area=np.asarray(np.bincount(label[smooth], minlength=count + 1)[1:] * (side * side), np.float64),
+        area=np.asarray(np.bincount(number, minlength=count + 1)[1:] * (side * side), np.float64),
         width=inner_width(label, count) * side,
-        residual=mean_in(label, count, np.where(smooth, evidence.residual, 0.0)),
-        multi_return_share=mean_in(label, count, least_around(evidence.multi_return_share, seen)),
-        penetration=mean_in(label, count, least_around(evidence.penetration, seen)),
-        height=mean_in(label, count, evidence.height),
-        tall=mean_in(label, count, evidence.height >= tall_height),
+        residual=mean(evidence.residual),
+        multi_return_share=mean(evidence.inner_share),
+        penetration=mean(evidence.inner_penetration),
+        height=mean(evidence.height),
+        tall=mean(evidence.height >= tall_height),
     )
 
 
-def least_around(values: Values, mask: Mask) -> Values:
-    """The least value (H, W) of the cells of `mask` among the three by three around each cell."""
-    return np.asarray(ndimage.minimum_filter(np.where(mask, values, np.inf), 3), np.float64)
+@kernel
+def groups_kernel(
+    smooth: Mask, level: Values, east: Values, north: Values, side: float, max_gap: float
+) -> tuple[Labels, int]:
+    """Numbers (H, W), 0 for none, of the groups of `find_segments` in the order of their first cells, and how
+    many there are; the planes (H, W) are those of `Evidence`."""
+    rows, columns = smooth.shape
+    head, label, count = np.arange(rows * columns), np.zeros((rows, columns), np.int32), 0
+    for row in range(rows):
+        for column in range(columns):
+            for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+                y, x = row + down, column + right
+                if y < rows and 0 <= x < columns and smooth[row, column] and smooth[y, x]:
+                    there = carried_on(level, east, north, side, row, column, down, right) - level[y, x]
+                    back = carried_on(level, east, north, side, y, x, -down, -right) - level[row, column]
+                    if max(abs(there), abs(back)) < max_gap:
+                        unite_kernel(head, row * columns + column, y * columns + x)
+    for cell in range(rows * columns):
+        row, column = cell // columns, cell % columns
+        if smooth[row, column] and head[cell] == cell:
+            count += 1
+            label[row, column] = count
+        elif smooth[row, column]:  # the head of a cell comes before it, and bears its number already
+            label[row, column] = label[head[cell] // columns, head[cell] % columns]
+    return label, count
 
 
 def inner_width(label: Labels, count: int) -> Values:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence, groups_of
 from eaves.detect.stage import MIN_AREA_M2, MOST
@@ -37,12 +36,11 @@ class VoidRules(Method):
 def find_roof_voids(evidence: Evidence, limits: VoidRules) -> tuple[Mask, Mask]:
     """Empty cells (H, W) that a level, raised rim surrounds, and the raised cells of those rims (H, W). Holes
     narrower than a window are chance."""
-    empty = (evidence.cells.count == 0).reshape(evidence.shape)
-    found, count = ndimage.label(empty)
+    found, count = evidence.gaps
     area = np.bincount(found.ravel()) * evidence.cells.side**2
-    likely = (np.bincount(found[ndimage.binary_erosion(empty)], minlength=count + 1) > 0) & (
-        area >= MIN_AREA_M2
-    )
+    inner = found[1:-1, 1:-1]
+    wide = (found[:-2, 1:-1] > 0) & (found[2:, 1:-1] > 0) & (found[1:-1, :-2] > 0) & (found[1:-1, 2:] > 0)
+    likely = (np.bincount(inner[wide], minlength=count + 1) > 0) & (area >= MIN_AREA_M2)
     likely[0] = False
     void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
     for _, around, hole in groups_of(np.where(likely[found], found, 0)):

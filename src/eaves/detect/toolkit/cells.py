@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Bounds, Points, Raster, Values
+from eaves.model import Points, Raster, Values
 
 WIDEST_CM = 3000
 """Sides are whole centimetres that divide this, and so a block of 240 m: neighbouring blocks share cells."""
@@ -28,18 +29,18 @@ class Cells:
     north: float
     shape: tuple[int, int]
     cell: NDArray[np.int64]
-    order: NDArray[np.int64]
     start: NDArray[np.int64]
 
     @classmethod
     def of(cls, xyz: Points, side: float, margin: int = 1) -> Cells:
         """Cells of the given side (m) that hold N > 0 points (N, 2 or 3), with `margin` empty ones around."""
-        bounds = Bounds.of(xyz)
-        first, last = int(np.floor(bounds.west / side)) - margin, int(np.floor(bounds.north / side)) + margin
-        rows = last - int(np.floor(bounds.south / side)) + 1 + margin
-        columns = int(np.floor(bounds.east / side)) - first + 1 + margin
-        cell, order, start = sort_kernel(xyz, side, first, last, rows, columns)
-        return cls(side, first * side, (last + 1) * side, (rows, columns), cell, order, start)
+        first, last, shape, cell, start = cells_kernel(xyz, side, margin)
+        return cls(side, first * side, (last + 1) * side, shape, cell, start)
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """The numbers (N,) of the points, cell by cell, ascending in each."""
+        return np.asarray(order_kernel(self.cell, self.start))
 
     def raster(self, values: NDArray[Any]) -> Raster:
         """Values of all cells, flat or (H, W), as a raster."""
@@ -97,20 +98,31 @@ def side_near(wanted: float) -> float:
 
 
 @kernel
-def sort_kernel(
-    xyz: Points, side: float, first: int, last: int, rows: int, columns: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Cell (N,) of each point, the points (N,) cell by cell, and where each cell's begin (cells + 1,)."""
-    cell, order = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+def cells_kernel(
+    xyz: Points, side: float, margin: int
+) -> tuple[int, int, tuple[int, int], NDArray[np.int64], NDArray[np.int64]]:
+    """The first column and the northernmost row, counted from the origin, and the rows and columns of the
+    cells that hold N > 0 points with a margin; cell (N,) of each point, and where the points of each begin
+    (cells + 1,) when they are put in order."""
+    cell, line = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    for i in range(len(xyz)):
+        cell[i], line[i] = int(np.floor(xyz[i, 0] / side)), int(np.floor(xyz[i, 1] / side))
+    first, last = cell.min() - margin, line.max() + margin
+    rows, columns = last - line.min() + 1 + margin, cell.max() - first + 1 + margin
     start = np.zeros(rows * columns + 1, np.int64)
     for i in range(len(xyz)):
-        column, line = int(np.floor(xyz[i, 0] / side)), int(np.floor(xyz[i, 1] / side))
-        cell[i] = (last - line) * columns + column - first
+        cell[i] += (last - line[i]) * columns - first
         start[cell[i] + 1] += 1
     for k in range(rows * columns):
         start[k + 1] += start[k]
-    following = start[:-1].copy()
-    for i in range(len(xyz)):
+    return first, last, (rows, columns), cell, start
+
+
+@kernel
+def order_kernel(cell: NDArray[np.int64], start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """See `Cells.order`."""
+    order, following = np.empty(len(cell), np.int64), start[:-1].copy()
+    for i in range(len(cell)):
         order[following[cell[i]]] = i
         following[cell[i]] += 1
-    return cell, order, start
+    return order

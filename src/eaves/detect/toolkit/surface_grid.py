@@ -183,7 +183,8 @@ def surface_noise(feature: Values, grid: SurfaceGrid, below: float) -> float:
 
 
 def mean_in(label: Labels, count: int, values: Values | Mask) -> Values:
-    """Mean of values (H, W), or share of a mask (H, W), in each segment 1…`count` of labels (H, W)."""
+    """Mean of values, or share of a mask, in each segment 1…`count` of labels: of cells (H, W), or of some of
+    them (K,)."""
     size = np.bincount(label.ravel(), minlength=count + 1)[1:]
     total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
     return np.asarray(total / np.maximum(size, 1), np.float64)

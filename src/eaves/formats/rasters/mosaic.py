@@ -13,6 +13,7 @@ import numpy as np
 import rasterio
 import rasterio.shutil
 from numpy.typing import NDArray
+from rasterio.enums import Resampling
 from rasterio.windows import Window
 
 from eaves.formats.atomic import atomic
@@ -128,11 +129,15 @@ class MosaicWriter:
 
     def finish(self) -> None:
         """Write the file itself and drop the draft."""
-        self._image.close()
         options = {key.upper(): str(value) for key, value in COG_OPTIONS.items() if key != "driver"}
+        sampling = Resampling.average
         if self.mask:
-            options |= {"OVERVIEW_RESAMPLING": "NEAREST", "PREDICTOR": "NO"}
+            options["PREDICTOR"], sampling = "NO", Resampling.nearest
+        halvings = int(np.ceil(np.log2(max(self.rows, self.columns) / COG_OPTIONS["blocksize"])))
         with rasterio.Env(GDAL_CACHEMAX=CACHE_BYTES), atomic(self.path) as temporary:
+            if halvings > 0:  # overviews of the draft are copied; without, they are compressed twice
+                self._image.build_overviews([2**k for k in range(1, halvings + 1)], sampling)
+            self._image.close()
             rasterio.shutil.copy(str(self._draft), str(temporary), driver="COG", **options)
         self.discard()
 

@@ -257,10 +257,13 @@ class GlobalFit(LowPartRules, OutlineMethod):
             hidden = hidden if left > 1 else np.zeros_like(hidden)
             weight = np.where(hidden, self.hidden, 1.0) * alone
             edges = self.cheapest_edges(local, sigma, weight)
-            circle = self.cheaper_circle(edges, local, weight, points, spacing, drawing)
-            if circle is not None:
-                return np.asarray(circle + origin, dtype=np.float64)
-            corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
+            edges = None if edges is None else joined_edges(edges, drawing)
+            corners = None
+            if edges is not None and len(edges) > 2:
+                circle = self.cheaper_circle(edges, local, weight, points, spacing, drawing)
+                if circle is not None:
+                    return np.asarray(circle + origin, dtype=np.float64)
+                corners = self.drawn(edges, points, divided, density, spacing, drawing)
             drawn = None if corners is None or len(corners) < 3 else as_polygon(Polygon(corners))
             beyond = hidden
             if drawn is not None and abs(drawn.area - whole.area) <= most:
@@ -319,7 +322,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
 
     def cheaper_circle(
         self,
-        edges: OutlineEdges | None,
+        edges: OutlineEdges,
         ring: NDArray[np.float64],
         weight: Values,
         points: Points,
@@ -327,10 +330,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
         drawing: Drawing,
     ) -> NDArray[np.float64] | None:
         """The regular polygon (C, 2) of the circle through a ring (M, 2), moved to where the `points` (N, 3)
-        end; None where the polygon of the edges costs less."""
+        end; None where the polygon of the joined edges costs less."""
         circle = circles.circle_through(ring)
-        if edges is None or len(edges := joined_edges(edges, drawing)) < 3:
-            return None
         corners, prices = ring_of_edges(edges, drawing), Prices(self.corner, self.direction, self.stray)
         if not circles.is_cheaper(circle, corners, ring, weight, drawing.sigma, prices):
             return None
@@ -349,12 +350,10 @@ class GlobalFit(LowPartRules, OutlineMethod):
         spacing: float,
         drawing: Drawing,
     ) -> NDArray[np.float64] | None:
-        """The corners (C, 2) of the edges, moved to where the points `xyz` (N, 3) end; None when under three
-        are left. `divided` (K, 2) are the points of pulses that came back once more, among `density` per m².
+        """The corners (C, 2) of the joined edges, moved to where the points `xyz` (N, 3) end; None when under
+        three are left. `divided` (K, 2) are the points of pulses that came back once more, among `density`
+        per m².
         """
-        edges = joined_edges(edges, drawing)
-        if len(edges) < 3:
-            return None
         start, _ = ends_of_edges(edges, drawing)
         length = edge_lengths(edges, drawing)
         shift = edge_shift_kernel(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -38,7 +39,15 @@ class Mesh:
 
 
 def triangulate_points(xy: NDArray[np.float64]) -> Mesh | None:
-    """The Delaunay triangles of points (N, 2), None when they lie on one line."""
+    """The Delaunay triangles of points (N, 2), None when they lie on one line; those of the last points are
+    at hand, for a building that is divided into parts is mostly one part, and traced next."""
+    return mesh_of(xy.tobytes())
+
+
+@lru_cache(maxsize=1)
+def mesh_of(places: bytes) -> Mesh | None:
+    """The mesh of points given as their bytes, row by row."""
+    xy = np.frombuffer(places).reshape(-1, 2).copy()
     if len(xy) < 3:
         return None
     tin = Tin(xy)
@@ -129,6 +138,8 @@ def nearest_part(mesh: Mesh, kept: NDArray[np.bool_], least: float, within: Labe
     whole = ~np.isin(within, within[seed > 0])
     seed[whole] = count + 1 + within[whole]
     inside = np.flatnonzero(seed)
+    if np.ptp(seed[inside]) == 0:
+        return np.zeros(len(seed), np.int32)
     place = np.column_stack([mesh.xy, 2.0 * np.ptp(mesh.xy) * within])
     nearest = inside[cKDTree(place[inside]).query(place)[1]]
     return np.unique(seed[nearest], return_inverse=True)[1].astype(np.int32)
@@ -146,7 +157,8 @@ def cores(mesh: Mesh, kept: NDArray[np.bool_], depth: float, gap: float) -> NDAr
     for k in range(3):
         side = mesh.triangles[filled & ~beside[:, k]]
         rim[side[:, (k + 1) % 3]] = rim[side[:, (k + 2) % 3]] = True
-    deep = cKDTree(mesh.xy[rim]).query(mesh.xy)[0] > depth
+    near = cKDTree(mesh.xy[rim]).query(mesh.xy, distance_upper_bound=np.nextafter(depth, np.inf))[0]
+    deep = near > depth
     return np.asarray(filled & deep[mesh.triangles].all(axis=1))
 
 

@@ -168,41 +168,47 @@ def edge_shift_kernel(
     over: within `beside` (m) in plan another one stands `WALL_ABOVE` (m), and more, above them.
     """
     shift = np.full(len(normal), np.nan)
-    depth = np.empty(len(xyz))
+    depth, along = np.empty(len(xyz)), np.empty(len(xyz))
     member = np.empty(len(xyz), np.int64)
+    wall = np.empty(len(xyz), np.bool_)
     kept = np.empty(len(xyz))
     for k in range(len(normal)):
         nx, ny = normal[k]
         room = min(margin, 0.25 * length[k])
-        count = 0
+        count, highest = 0, -np.inf
         for i in range(len(xyz)):
             d = nx * xyz[i, 0] + ny * xyz[i, 1] - offset[k]
             if d < -outside or d > inside:
                 continue
-            along = ny * (xyz[i, 0] - start[k, 0]) - nx * (xyz[i, 1] - start[k, 1])
-            if room < along < length[k] - room:
-                depth[count] = d
+            way = ny * (xyz[i, 0] - start[k, 0]) - nx * (xyz[i, 1] - start[k, 1])
+            if room < way < length[k] - room:
+                depth[count], along[count] = d, way
                 member[count] = i
+                highest = max(highest, xyz[i, 2])
                 count += 1
         if count < least:
             continue
-        order = np.argsort(depth[:count])
-        roof = 0
+        turn = np.argsort(along[:count])
         for a in range(count):
-            i = member[order[a]]
-            wall = False
-            for way in (1, -1):
-                b = a + way
-                while not wall and 0 <= b < count and abs(depth[order[b]] - depth[order[a]]) < beside:
-                    j = member[order[b]]
-                    b += way
+            own = turn[a]
+            i = member[own]
+            wall[own] = False
+            if highest - xyz[i, 2] <= WALL_ABOVE:
+                continue
+            for step in (1, -1):
+                b = a + step
+                while not wall[own] and 0 <= b < count and abs(along[turn[b]] - along[own]) < beside:
+                    j = member[turn[b]]
+                    b += step
                     rise = xyz[j, 2] - xyz[i, 2]
                     if rise > WALL_ABOVE:
                         dx, dy = xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1]
                         apart = np.sqrt(dx * dx + dy * dy)
-                        wall = apart < beside and rise > WALL_ABOVE + WALL_STEEP * apart
-            if not wall:
-                kept[roof] = depth[order[a]]
+                        wall[own] = apart < beside and rise > WALL_ABOVE + WALL_STEEP * apart
+        roof = 0
+        for one in np.argsort(depth[:count]):
+            if not wall[one]:
+                kept[roof] = depth[one]
                 roof += 1
         if roof < least:
             continue
