@@ -20,7 +20,6 @@ from itertools import islice
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
-from types import SimpleNamespace
 from typing import Any, Self, TypeVar
 
 import numpy
@@ -297,15 +296,9 @@ def end_with(line: Connection) -> None:
     os._exit(1)
 
 
-def unannotated(**words: Any) -> Callable[..., Any]:
-    """A decorator that leaves a function as it is."""
-    return lambda function: function
-
-
 def import_libraries_alone() -> None:
     """Import pyogrio without the data frames it would offer, and scipy without the translator of Fortran that
-    comes with a copy of all of numpy, and without notes of its own in the help of its functions: pandas and
-    geopandas cost most of a second, the translator .07 and the notes .08.
+    comes with a copy of all of numpy: pandas and geopandas cost most of a second, the translator .07.
 
     For processes of our own only, before either is imported: a caller's process may want them later.
     """
@@ -314,15 +307,7 @@ def import_libraries_alone() -> None:
     vars(numpy)["f2py"] = None
     try:
         import pyogrio.raw  # noqa: F401
-
-        with suppress(ImportError):  # a scipy that has it elsewhere writes its notes
-            import scipy._lib._array_api
-        support: Any = sys.modules.get("scipy._lib._array_api", SimpleNamespace())
-        annotated = getattr(support, "xp_capabilities", None)
-        support.xp_capabilities = unannotated
         import scipy.ndimage  # noqa: F401
-
-        support.xp_capabilities = annotated
     finally:
         for name in hidden:
             del sys.modules[name]
