@@ -198,15 +198,26 @@ class BlockFile:
         """The numbers (M,) of the points that can belong to a building."""
         return np.flatnonzero(np.unpackbits(self["candidate"]))
 
-    def points(self, which: NDArray[np.integer] | None = None) -> NDArray[np.void]:
-        """The records of the block's points, or of some (K,) of them, as the store keeps them."""
-        records, file = self._read_points(self.block), self["from_file"]
+    def points(self, which: NDArray[np.integer]) -> NDArray[np.void]:
+        """The records of some (K,) of the block's points, as the store keeps them."""
+        number = self._number
+        return self._read_points(self.block).take(which if number is None else number.take(which))
+
+    def point_id(self) -> NDArray[np.int64]:
+        """The ids (N,) of the block's points."""
+        ids, number = self._read_points(self.block)["point_id"], self._number
+        return ids.copy() if number is None else ids.take(number)
+
+    @property
+    def _number(self) -> NDArray[np.int64] | None:
+        """The places (N,) of the block's points in the store; None where they lie in their order."""
+        file = self["from_file"]
         if not len(file):
-            return records if which is None else records.take(which)
+            return None
         # the points of each file are in canonical order, as all of them are
         number = np.empty(len(file), np.int64)
         number[np.argsort(file, kind="stable")] = np.arange(len(file))
-        return records.take(number if which is None else number.take(which))
+        return number
 
     def candidates(self) -> Candidates:
         """The points that can belong to a building."""

@@ -217,7 +217,7 @@ def gather_labels(
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
     for block, result in regions.items():
-        point_id = result.points()["point_id"]
+        point_id = result.point_id()
         values = {"classes": result["classification"], "part": result["part"]}
         values["classes"][opened("building_id")[point_id] > 0] = BUILDING
         for followers, stands in kept.store.followers(block):
