@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.percentiles import quantile
+from eaves.geometry.percentiles import group_percentiles
 from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import (
     Limits,
@@ -326,15 +326,11 @@ class AdaptiveTin(Opening, GroundMethod):
         there: floors of quarries and streets are not alike."""
         squares = empty_raster(whole_cells(bounds, self.buffer), self.buffer)
         places = squares.cell_of(xyz.take(seeds, axis=0))
-        square = np.ravel_multi_index(places, squares.shape).astype(np.int16)
-        count = np.bincount(square, minlength=squares.values.size).reshape(squares.shape)
-        groups = np.split(residual.take(np.argsort(square, kind="stable")), np.cumsum(count)[:-1])
-        rough = np.array([quantile(group, 0.5) if len(group) else 0.0 for group in groups])
+        square, count = np.ravel_multi_index(places, squares.shape), squares.values.size
+        rough = np.nan_to_num(group_percentiles(residual, square, count, 50.0)).reshape(squares.shape)
         return Tolerances(
-            np.clip(
-                self.tolerance_gain * rough.reshape(count.shape), self.tolerance_least, self.tolerance_most
-            ),
-            count.astype(np.float64),
+            np.clip(self.tolerance_gain * rough, self.tolerance_least, self.tolerance_most),
+            np.bincount(square, minlength=count).reshape(squares.shape).astype(np.float64),
             self.tolerance(float(np.median(residual)) if len(seeds) else 0.0),
             squares.west,
             squares.north,
