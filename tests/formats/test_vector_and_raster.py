@@ -247,3 +247,21 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="the folder cannot be written"):
         write_mask(tmp_path / "file" / "mask.tif", np.zeros((2, 2), bool), 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(700, 1100), (600, 514), (300, 400)])
+def test_overviews_are_means_of_two_by_two_cells__and_small_rasters_have_none(
+    rows: int, columns: int, tmp_path: Path
+) -> None:
+    values = np.random.default_rng(rows).uniform(0, 9, (rows, columns)).astype(np.float32)
+    bounds = Bounds(0.0, 0.0, 0.5 * columns, 0.5 * rows)
+    with MosaicWriter(tmp_path / "dtm.tif", bounds, 0.5, DUTCH) as writer:
+        writer.write(Raster(values, 0.0, 0.5 * rows, 0.5), bounds)
+    with rasterio.open(tmp_path / "dtm.tif") as image:
+        levels = image.overviews(1)
+        assert (image.read(1) == values).all()
+    assert levels == [2**k for k in (1, 2) if max(rows, columns) > 256 * 2**k]
+    if levels:
+        with rasterio.open(tmp_path / "dtm.tif", overview_level=0) as image:
+            means = values.reshape(rows // 2, 2, -1, 2).mean(axis=(1, 3))
+            assert image.read(1) == pytest.approx(means, abs=1e-5)

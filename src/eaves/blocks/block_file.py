@@ -59,10 +59,10 @@ class Candidates:
         order, first = self._by_label
         return order[first[label] : first[label + 1]] if label + 1 < len(first) else order[:0]
 
-    def between(self, west: float, east: float) -> NDArray[np.int64]:
-        """The numbers (K,), ascending, of the points from `west` to `east` (m)."""
-        order, x = self._by_x
-        return np.sort(order[slice(*np.searchsorted(x, [west, east]))])
+    def between(self, south: float, north: float) -> slice:
+        """The points in the rows of 1 m cells that reach from `south` to `north` (m): they lie together."""
+        limits = np.floor([south - GRID_STEP, north + GRID_STEP])
+        return slice(*np.searchsorted(self._row, limits + [0.0, 1.0]).tolist())
 
     @cached_property
     def _by_label(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -71,9 +71,8 @@ class Candidates:
         return order, np.searchsorted(self.label[order], labels)
 
     @cached_property
-    def _by_x(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        order = np.argsort(self.xyz[:, 0])
-        return order, self.xyz[order, 0]
+    def _row(self) -> NDArray[np.float64]:
+        return np.floor(self.xyz[:, 1] + 0.5 * GRID_STEP)
 
 
 @dataclass(frozen=True, eq=False)

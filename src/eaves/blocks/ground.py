@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.ground import classify_ground
+from eaves.ground.stage import numbers_within
 from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import GRID_STEP, GROUND, NOISE_CLASSES, UNCLASSIFIED, Block, Bounds, Mask, PointCloud
@@ -158,7 +159,7 @@ def classify_inside(
     cloud: PointCloud, core: Bounds, wide: WideObjects | None, recipe: Recipe
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """The classes of the points (K,) inside a block, and the parts the filter found on the way."""
-    inside = np.flatnonzero(core.contains(cloud.xyz))
+    inside = numbers_within(core, cloud.xyz)
     if recipe.use_classes:
         cloud = with_ground_classes(cloud, recipe.ground_classes)
     if len(inside) == 0:

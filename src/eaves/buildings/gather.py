@@ -15,7 +15,7 @@ from shapely import Polygon
 from eaves.blocks.block_file import BlockFile, Candidates
 from eaves.buildings.join import BuildingPlan, OwnedBuildings
 from eaves.footprints.snap import snap_footprints
-from eaves.model import GRID_STEP, Block, Bounds, Failure, Footprint, Points, Raster
+from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
 from eaves.model.cloud import snap
 from eaves.model.results import BuildingPoints
 from eaves.model.scene import WALL
@@ -105,11 +105,12 @@ class Gatherer:
         the high ones that are `free`, no building's."""
         pieces = [np.zeros((0, 3))]
         for result, shift in self.parts(owner, blocks):
-            number = result.between(reach.west - shift[0] - GRID_STEP, reach.east - shift[0] + GRID_STEP)
+            rows = result.between(reach.south - shift[1], reach.north - shift[1])
+            places = result.xyz[rows] + shift
+            inside = reach.contains(places)
             if free:
-                number = number[result.high[number] & (result.label[number] == 0)]
-            places = result.xyz[number] + shift
-            pieces.append(places[reach.contains(places)])
+                inside &= result.high[rows] & (result.label[rows] == 0)
+            pieces.append(places[inside])
         return snap(np.concatenate(pieces))
 
     def nearest_ground(self, owner: Block, plan: BuildingPlan) -> Points | None:
@@ -201,11 +202,12 @@ def is_seen_beside(polygon: Polygon, ground: Raster) -> bool:
 def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> NDArray[np.int64]:
     """The numbers (K,) of a block's points that belong to a given footprint: the detector's or the high."""
     west, south, east, north = given.polygon.bounds
-    number = result.between(west - shift[0] - GRID_STEP, east - shift[0] + GRID_STEP)
-    x, y = (result.xyz[number, :2] + shift[:2]).T
+    rows = result.between(south - shift[1], north - shift[1])
+    x, y = (result.xyz[rows, :2] + shift[:2]).T
     inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    shapely.prepare(given.polygon)
     inside[inside] = shapely.contains_xy(given.polygon, x[inside], y[inside])
-    number = number[inside]
+    number = rows.start + np.flatnonzero(inside)
     high = result.high[number]
     detected = result.label[number] > 0
     trusted = detected.sum() >= TRUSTED_SHARE * max(high.sum(), 1)

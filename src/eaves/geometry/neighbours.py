@@ -155,12 +155,13 @@ def spacing_kernel(xyz: Points) -> float:
     side = FINEST_M
     occupied = np.zeros((0, 0), np.bool_)
     while True:
-        columns, rows = int((east - west) / side) + 1, int((north - south) / side) + 1
+        scale = 1.0 / side  # exact, as sides are powers of two
+        columns, rows = int((east - west) * scale) + 1, int((north - south) * scale) + 1
         filled = 0
         if columns * rows > TABLE_CELLS * count:
             cell = np.empty(count, np.int64)
             for i in range(count):
-                cell[i] = int((xyz[i, 1] - south) / side) * columns + int((xyz[i, 0] - west) / side)
+                cell[i] = int((xyz[i, 1] - south) * scale) * columns + int((xyz[i, 0] - west) * scale)
             cell.sort()
             for i in range(count):
                 filled += i == 0 or cell[i] != cell[i - 1]
@@ -169,8 +170,8 @@ def spacing_kernel(xyz: Points) -> float:
             occupied = np.zeros((rows, columns), np.bool_)
             if finer.size == 0:
                 for i in range(count):
-                    occupied[int((xyz[i, 1] - south) / side), int((xyz[i, 0] - west) / side)] = True
-            else:  # sides are powers of two: cells twice as wide hold four whole ones
+                    occupied[int((xyz[i, 1] - south) * scale), int((xyz[i, 0] - west) * scale)] = True
+            else:  # cells twice as wide hold four whole ones
                 for row in range(finer.shape[0]):
                     for column in range(finer.shape[1]):
                         if finer[row, column]:

@@ -26,9 +26,9 @@ from eaves.model import (
     GROUND,
     HIGH_NOISE,
     LOW_NOISE,
-    NOISE_CLASSES,
     UNCLASSIFIED,
     Bounds,
+    Integers,
     Mask,
     PointCloud,
     Points,
@@ -148,19 +148,19 @@ def classify_ground(
         classes[finite] = file_classes[finite]
         return cloud.with_(classification=classes)
 
-    usable = np.flatnonzero(finite)
+    noise = finite & cloud.noise
     if file_classes is not None:  # noise classes of the file are always kept
-        noise = np.isin(file_classes[usable], NOISE_CLASSES)
-        classes[usable[noise]] = file_classes[usable[noise]]
-        usable = usable[~noise]
+        classes[noise] = file_classes[noise]
+    usable = np.flatnonzero(finite & ~noise)
     clean = cloud.with_(classification=None, part=None, point_id=None).take(usable)
     low, high = find_outliers(clean)
     classes[usable[low]], classes[usable[high]] = LOW_NOISE, HIGH_NOISE
     good = np.flatnonzero(~(low | high))
-    clean, good = clean.take(good), usable[good]
-    order = clean.canonical_order()
-    clean, place = clean.take(order), good.take(order)
-    del usable, good, order, low, high, finite  # of a dense square they would be alive at the peak of memory
+    clean, place = clean.take(good), usable.take(good)
+    if not clean.ordered:
+        order = clean.canonical_order()
+        clean, place = clean.take(order), place.take(order)
+    del usable, good, low, high, finite, noise  # of a dense square they would be alive at the peak of memory
     if wide is None and len(clean):
         patch = filter_.find_wide_objects(Floor.of(clean))
         wide = None if patch is None else WideObjects((patch,))
@@ -175,6 +175,21 @@ def classify_ground(
         part = np.zeros(len(cloud), np.uint8)
         part[place] = unsure
     return cloud.with_(classification=classes, part=part)
+
+
+def numbers_within(bounds: Bounds, xyz: Points) -> Integers:
+    """The numbers (K,) of the points (N, 3) that lie within some bounds, rising."""
+    return np.asarray(within_kernel(xyz, bounds.west, bounds.south, bounds.east, bounds.north))
+
+
+@kernel
+def within_kernel(xyz: Points, west: float, south: float, east: float, north: float) -> Integers:
+    """The numbers (K,) of the points (N, 3) in a rectangle, half-open towards east and north."""
+    numbers, count = np.empty(len(xyz), np.int64), 0
+    for i in range(len(xyz)):
+        numbers[count] = i
+        count += west <= xyz[i, 0] < east and south <= xyz[i, 1] < north
+    return numbers[:count].copy()
 
 
 @kernel

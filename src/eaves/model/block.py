@@ -102,6 +102,8 @@ def widen_kernel(xyz: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> No
     for i in range(len(xyz)):
         for k in range(xyz.shape[1]):
             value = xyz[i, k]
+            if low[k] <= value <= high[k]:  # as most are
+                continue
             if value < low[k] or value != value:
                 low[k] = value
             if value > high[k] or value != value:

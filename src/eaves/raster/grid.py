@@ -126,16 +126,17 @@ def extreme_kernel(
     xyz: Points, west: float, north: float, cell: float, rows: int, columns: int, sign: float
 ) -> Integers:
     """Number of the point with the largest sign * z in each cell, (rows, columns)."""
-    best, extreme = np.full((rows, columns), EMPTY, np.int64), np.empty((rows, columns))
+    best = np.full((rows, columns), EMPTY, np.int32)
     for i in range(len(xyz)):
         row = int(np.floor((north - xyz[i, 1]) / cell))
         column = int(np.floor((xyz[i, 0] - west) / cell))
         if row < 0 or row >= rows or column < 0 or column >= columns:
             continue
-        height = sign * xyz[i, 2]
-        if best[row, column] < 0 or height > extreme[row, column]:
-            best[row, column], extreme[row, column] = i, height
-    return best
+        # a choice of numbers of 32 bits, where a processor that guessed a branch would be wrong half the time
+        rival = best[row, column]
+        better = (rival < 0) | (sign * xyz[i, 2] > sign * xyz[max(rival, 0), 2])
+        best[row, column] = i if better else rival
+    return best.astype(np.int64)
 
 
 @kernel

@@ -14,6 +14,7 @@ from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import BRIDGE_DECK, GRID_STEP, WATER, Bounds, Doubt, Grid, Labels, Mask, PointCloud, Values
+from eaves.raster.extremes import highest_in_squares, lowest_in_squares
 from eaves.raster.grid import WorldGrids
 from eaves.raster.groups import (
     ONWARD,
@@ -208,7 +209,7 @@ def grown_deck(deck: Mask, z: Grid, allowed: Mask, rules: DeckRules) -> Mask:
 def with_edges(deck: Grid, z: Grid, land: Mask, rules: DeckRules) -> Grid:
     """The heights (H, W) of decks with the cells at their edges, whose lowest points lie beneath."""
     finite = np.isfinite(deck)
-    top = ndimage.maximum_filter(np.where(finite, deck, -np.inf), 3)
+    top = highest_in_squares(np.where(finite, deck, np.float32(-np.inf)), 1)
     beside = ~finite & np.isfinite(top)
     lower = ~np.isfinite(z) | (top - np.nan_to_num(z) >= rules.water_fall)
     # a railing's foot or a stray echo leaves single cells open
@@ -223,8 +224,7 @@ def water_of(heights: Grid, cell: float, rules: DeckRules) -> tuple[Mask, Grid]:
     hole = ~finite & inside_data(finite)
     core = opened_by_square(hole, side)
     wide = ndimage.binary_propagation(core, np.ones((3, 3)), mask=hole)
-    around = round(rules.widest / cell) // 2 * 2 + 1
-    lowest = ndimage.minimum_filter(np.where(finite, heights, np.inf), around)
+    lowest = lowest_in_squares(np.where(finite, heights, np.float32(np.inf)), round(rules.widest / cell) // 2)
     return np.asarray(wide & np.isfinite(lowest)), lowest
 
 

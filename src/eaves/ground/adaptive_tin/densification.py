@@ -205,7 +205,7 @@ def fits_kernel(
     `hint` and `judged` are those of `Waiting`.
     """
     fits, new = np.zeros(len(numbers), np.bool_), np.zeros(len(numbers), np.bool_)
-    last = 0
+    last, widest_sine = 0, np.sin(min(angle, 0.5 * np.pi))
     for i in range(len(numbers)):
         p, triangle = numbers[i], hint[i]
         if (
@@ -224,7 +224,7 @@ def fits_kernel(
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
         if off > distance and slope < steep:
             continue
-        nearest, closest, sine = -1, np.inf, 0.0
+        nearest, closest = -1, np.inf
         for k in range(3):
             v = vertices[here, k]
             if v == OUTSIDE:
@@ -232,10 +232,9 @@ def fits_kernel(
             length = np.sqrt((x - xyz[v, 0]) ** 2 + (y - xyz[v, 1]) ** 2 + (z - xyz[v, 2]) ** 2)
             if length < closest:
                 nearest, closest = v, length
-            if length > 0.0:
-                sine = max(sine, min(1.0, off / length))
-        widest = np.arctan2(off, away) if away > 0.0 else np.arcsin(sine)
-        if off <= distance and widest <= angle:
+        # the widest angle is that at the nearest vertex
+        is_flat = np.arctan2(off, away) <= angle if away > 0.0 else off <= widest_sine * closest
+        if off <= distance and is_flat:
             fits[i], new[i] = True, off > noise
             continue
         length = np.hypot(x - xyz[nearest, 0], y - xyz[nearest, 1])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.percentiles import group_percentiles
+from eaves.geometry.percentiles import quantile
 from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import (
     Limits,
@@ -20,7 +20,7 @@ from eaves.ground.adaptive_tin.densification import (
     near_surface,
     update_residuals,
 )
-from eaves.ground.stage import GroundMethod
+from eaves.ground.stage import GroundMethod, numbers_within
 from eaves.ground.toolkit.doubts import edges_without_step
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
@@ -248,42 +248,48 @@ class AdaptiveTin(Opening, GroundMethod):
         if len(cloud) < 3:
             return np.ones(len(cloud), bool), None
         spacing = measure_spacing(cloud.xyz)
-        inner = np.arange(len(cloud))
-        if core is not None:
-            inner = np.flatnonzero(core.buffered(self.rim_apart).contains(cloud.xyz))
+        within = cloud.bounds if core is None else core
+        inner = numbers_within(within.buffered(self.rim_apart), cloud.xyz)
         if len(inner) == 0:
             return np.zeros(len(cloud), bool), None
         looks = self.looks if spacing > self.cell_least and self.seed_cell is None else 1
-        votes = np.zeros(len(inner), np.int64)
+        own, votes = cloud.xyz.take(inner, axis=0), np.zeros(len(inner), np.int64)
         for k in range(looks):
             shift = spacing * np.array([k / looks, (2 * k % looks) / looks, 0.0])
             xyz = snap(cloud.xyz + shift) if k else cloud.xyz
-            votes += self.ground_mask_in_cells(xyz, inner, spacing, over, ignore if k else emit)
+            near = xyz.take(inner, axis=0) if k else own
+            votes += self.ground_mask_in_cells(xyz, near, inner, spacing, over, ignore if k else emit)
         mask = 2 * votes > looks
         doubtful = (votes > 0) & (votes < looks)
         if looks == 1:
             cell = max(2 * self.fine_cell, spacing)
-            doubtful = edges_without_step(cloud.xyz.take(inner, axis=0), mask, cell, self.tolerance_most)
+            doubtful = edges_without_step(own, mask, cell, self.tolerance_most)
         ground, unsure = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.uint8)
         ground[inner], unsure[inner] = mask, np.where(doubtful, np.uint8(DOUBTFUL), np.uint8(0))
         return ground, unsure
 
     def ground_mask_in_cells(
-        self, xyz: Points, inner: NDArray[np.int64], spacing: float, over: Mask, emit: Emit = ignore
+        self,
+        around: Points,
+        xyz: Points,
+        inner: NDArray[np.int64],
+        spacing: float,
+        over: Mask,
+        emit: Emit = ignore,
     ) -> Mask:
-        """The mask (K,) of points that the cells give as they lie about the local origin.
+        """The mask (K,) of points (K, 3) that the cells give as they lie about the local origin.
 
-        Objects are looked for among all points (N, 3); the TIN is made of those `inner` (K,).
+        Objects are looked for among all those `around`, too (N, 3), of which they are the `inner` (K,).
         """
         cell = max(self.cell_least, spacing)
         if self.seed_cell is not None:
-            seeds = lowest_of_cells(xyz, self.seed_cell)
+            seeds = lowest_of_cells(around, self.seed_cell)
         else:
-            seeds = seeds_by_opening(lowest_surface(xyz, Bounds.of(xyz), cell, self, over), self)
-        place = np.full(len(xyz), EMPTY)
+            seeds = seeds_by_opening(lowest_surface(around, Bounds.of(around), cell, self, over), self)
+        place = np.full(len(around), EMPTY)
         place[inner] = np.arange(len(inner))
-        seeds, xyz, waiting = place[seeds], xyz.take(inner, axis=0), ~over[inner]
-        seeds = seeds[seeds != EMPTY]
+        over, seeds = over.take(inner), place.take(seeds)
+        seeds, waiting = seeds[seeds != EMPTY], ~over
         emit("seeds", xyz.take(seeds, axis=0))
         if len(seeds) == 0:
             return np.zeros(len(inner), bool)
@@ -297,9 +303,9 @@ class AdaptiveTin(Opening, GroundMethod):
         inserted = np.zeros(len(xyz), bool)  # into the TIN: seeds and candidates alone
         inserted[seeds] = inserted[candidates] = True
         place = np.cumsum(inserted) - 1
-        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self)
-        low = np.concatenate([xyz.take(np.flatnonzero(inserted), axis=0), around])
-        tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(around), len(low))]))
+        rim = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self)
+        low = np.concatenate([xyz.take(np.flatnonzero(inserted), axis=0), rim])
+        tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(rim), len(low))]))
         waiting_fine, residual = Waiting.of(place[fine]), np.zeros(len(fine))
         update_residuals(tin, low, waiting_fine, residual, self.steepest)
         level = self.tolerances(xyz, fine, residual, bounds)
@@ -311,7 +317,7 @@ class AdaptiveTin(Opening, GroundMethod):
         if emit is not ignore:
             emit("triangles", low[tin.triangles])
         slant = self.slant_share * spacing
-        return near_surface(tin, low, xyz, level, slant, self.steepest) & ~over[inner]
+        return near_surface(tin, low, xyz, level, slant, self.steepest) & ~over
 
     def tolerances(
         self, xyz: Points, seeds: NDArray[np.int64], residual: Values, bounds: Bounds
@@ -319,11 +325,16 @@ class AdaptiveTin(Opening, GroundMethod):
         """The tolerances of surfaces as rough as the seeds (K,), by their residuals (K,), show them here and
         there: floors of quarries and streets are not alike."""
         squares = empty_raster(whole_cells(bounds, self.buffer), self.buffer)
-        square, count = np.ravel_multi_index(squares.cell_of(xyz[seeds]), squares.shape), squares.values.size
-        rough = np.nan_to_num(group_percentiles(residual, square, count, 50.0)).reshape(squares.shape)
+        places = squares.cell_of(xyz.take(seeds, axis=0))
+        square = np.ravel_multi_index(places, squares.shape).astype(np.int16)
+        count = np.bincount(square, minlength=squares.values.size).reshape(squares.shape)
+        groups = np.split(residual.take(np.argsort(square, kind="stable")), np.cumsum(count)[:-1])
+        rough = np.array([quantile(group, 0.5) if len(group) else 0.0 for group in groups])
         return Tolerances(
-            np.clip(self.tolerance_gain * rough, self.tolerance_least, self.tolerance_most),
-            np.bincount(square, minlength=count).reshape(squares.shape).astype(np.float64),
+            np.clip(
+                self.tolerance_gain * rough.reshape(count.shape), self.tolerance_least, self.tolerance_most
+            ),
+            count.astype(np.float64),
             self.tolerance(float(np.median(residual)) if len(seeds) else 0.0),
             squares.west,
             squares.north,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.ground.toolkit.floor import COARSEST_M
-from eaves.model import GRID_STEP, Bounds, Doubt, Mask, PointCloud, Points
+from eaves.kernels import kernel
+from eaves.model import GRID_STEP, Bounds, Doubt, Integers, Mask, PointCloud, Points
 from eaves.model.block import extremes
 from eaves.model.scene import DOUBTFUL
-from eaves.raster.grid import EMPTY, empty_raster, lowest_points, whole_cells
-from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
+from eaves.raster.grid import EMPTY, lowest_points, whole_cells
+from eaves.raster.groups import group_cells, neighbour_pairs
 
 LEAST_M2 = 50.0
 """Terrain in doubt of less area (m²) is not said: a car, the foot of a hedge."""
@@ -23,15 +24,31 @@ def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> M
 
     Objects end in walls, and terrain ends nowhere: where there is none, one of the two was misjudged.
     """
-    cells = empty_raster(whole_cells(Bounds.of(xyz), cell), cell)
-    number = lowest_points(xyz, cells.bounds, cell)
-    cell_a, cell_b = neighbour_pairs(number != EMPTY, steps=BESIDE)
-    lowest = number.ravel()
-    a, b = lowest[cell_a], lowest[cell_b]
-    open_ = (ground[a] != ground[b]) & (np.abs(xyz[a, 2] - xyz[b, 2]) <= step)
-    marked = np.zeros(number.shape, bool)
-    marked.flat[cell_a[open_]] = marked.flat[cell_b[open_]] = True
-    return np.asarray(marked[cells.cell_of(xyz)])
+    cells = whole_cells(Bounds.of(xyz), cell)
+    number = lowest_points(xyz, cells, cell)
+    return np.asarray(edges_kernel(xyz, number, ground, cells.west, cells.north, cell, step))
+
+
+@kernel
+def edges_kernel(
+    xyz: Points, number: Integers, ground: Mask, west: float, north: float, cell: float, step: float
+) -> Mask:
+    """The points (N,) of `edges_without_step`, of which those numbered are the lowest of the cells (H, W)."""
+    (rows, columns), open_ = number.shape, np.zeros(number.shape, np.bool_)
+    for row in range(rows):
+        for column in range(columns):
+            a = number[row, column]
+            for r, c in ((row, column + 1), (row + 1, column)):
+                if a == EMPTY or r == rows or c == columns or number[r, c] == EMPTY:
+                    continue
+                b = number[r, c]
+                if ground[a] != ground[b] and abs(xyz[a, 2] - xyz[b, 2]) <= step:
+                    open_[row, column] = open_[r, c] = True
+    marked = np.empty(len(xyz), np.bool_)
+    for i in range(len(xyz)):
+        row, column = int((north - xyz[i, 1]) / cell), int((xyz[i, 0] - west) / cell)
+        marked[i] = open_[row, column]
+    return marked
 
 
 def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:

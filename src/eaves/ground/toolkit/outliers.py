@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eaves.geometry.neighbours import TABLE_CELLS, measure_spacing
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Grid, Integers, Mask, PointCloud, Points, Values
+from eaves.raster.grid import EMPTY
 
 SIDE_M, SIDE_SPACINGS = 1.0, 3.0
 """Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
@@ -79,8 +80,7 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
         cells = Cells(*place, *order_kernel(xyz, *place))
         mark_low_kernel(xyz, cells, ring_of(*RING), DEPTH_M * wide**2, reach, low)
     for shift in (0.0, 0.5):
-        place = cells_of(bounds, CELL_M * max(1.0, spacing), shift)
-        mark_high_kernel(xyz, *place[:2], ceiling_kernel(highest_kernel(xyz, *place)), high)
+        mark_high_kernel(xyz, *cells_of(bounds, CELL_M * max(1.0, spacing), shift), high)
     return low, high & ~low
 
 
@@ -112,15 +112,16 @@ def order_kernel(
 ) -> tuple[Integers, NDArray[np.int32]]:
     """The last fields of `Cells`: where each cell begins (rows · columns + 1), and the points by cell."""
     first, order = np.zeros(rows * columns + 2, np.int64), np.empty(len(xyz), np.int32)
+    cell = np.empty(len(xyz), np.int32)
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
-        first[row * columns + column + 2] += 1
-    for cell in range(rows * columns):
-        first[cell + 2] += first[cell + 1]
+        cell[i] = row * columns + column
+        first[cell[i] + 2] += 1
+    for number in range(rows * columns):
+        first[number + 2] += first[number + 1]
     for i in range(len(xyz)):  # once a cell is full, its begin has moved to that of the next
-        row, column = place_of(xyz, i, corner, side)
-        order[first[row * columns + column + 1]] = i
-        first[row * columns + column + 1] += 1
+        order[first[cell[i] + 1]] = i
+        first[cell[i] + 1] += 1
     return first[:-1], order
 
 
@@ -130,30 +131,35 @@ def mark_low_kernel(xyz: Points, cells: Cells, ring: Integers, depth: float, rea
     (m), round by round; a round judges all cells on the same surface.
     """
     rows, columns, away = cells.rows, cells.columns, 2 * ring.max()
-    lowest, limit = np.empty((rows, columns)), np.full((rows, columns), -np.inf)
-    changed = np.ones((rows, columns), np.bool_)
+    lowest, limit = empty_around(rows, columns, away), np.full((rows, columns), -np.inf)
+    changed, look = np.ones((rows, columns), np.bool_), np.ones((rows, columns), np.bool_)
+    steps, around = ring[:, 0] * lowest.shape[1] + ring[:, 1], np.empty(len(ring))
+    flat = lowest.ravel()
     while changed.any():
-        look = np.zeros((rows, columns), np.bool_)
         for row in range(rows):
             for column in range(columns):
                 if not changed[row, column]:
                     continue
-                lowest[row, column] = np.inf
+                least = np.inf
                 for k in range(cells.first[row * columns + column], cells.first[row * columns + column + 1]):
                     i = cells.order[k]
                     if xyz[i, 2] < limit[row, column]:
                         low[i] = True
                     if not low[i]:
-                        lowest[row, column] = min(lowest[row, column], xyz[i, 2])
-                top, left = max(0, row - away), max(0, column - away)
-                look[top : row + away + 1, left : column + away + 1] = True
+                        least = min(least, xyz[i, 2])
+                lowest[row + away, column + away] = least
+                if limit[row, column] > -np.inf:  # in the first round all cells are looked at
+                    top, left = max(0, row - away), max(0, column - away)
+                    look[top : row + away + 1, left : column + away + 1] = True
         changed[:] = False
         for row in range(rows):
             for column in range(columns):
-                z = lowest[row, column]
+                z = lowest[row + away, column + away]
                 if not look[row, column] or z == np.inf:
                     continue
-                level = level_around(lowest, row, column, ring, depth)
+                look[row, column] = False
+                cell = (row + away) * lowest.shape[1] + column + away
+                level = level_around(flat, cell, steps, depth, around)
                 limit[row, column] = 0.5 * (level + z)
                 changed[row, column] = level > -np.inf and are_covered(
                     xyz, cells, row, column, limit[row, column], reach, low
@@ -161,30 +167,36 @@ def mark_low_kernel(xyz: Points, cells: Cells, ring: Integers, depth: float, rea
 
 
 @kernel
-def level_around(lowest: Values, row: int, column: int, ring: Integers, depth: float) -> float:
-    """The level that the surface around a cell (rows, columns) has there; -inf where that is no more than
+def level_around(lowest: Values, cell: int, steps: Integers, depth: float, around: Values) -> float:
+    """The level that the surface around a cell (of those in a row) has there; -inf where that is no more than
     `depth` (m) over its lowest point, or unknown.
 
-    A slope goes on: a cell of the ring counts as high as the surface is halfway to the cell across, but no
-    higher than where what falls from it to the cell twice as far leads back to. A plane is met as it is.
+    A slope goes on: a cell of the ring, `steps` (K,) of cells away, counts as high as the surface is halfway
+    to the cell across, but no higher than where what falls from it to the cell twice as far leads back to. A
+    plane is met as it is. `around` (K,) is written to.
     """
-    around, count, as_low, least = np.empty(len(ring)), 0, 0, lowest[row, column] + depth
-    for k in range(len(ring)):
-        z = height_at(lowest, row + ring[k, 0], column + ring[k, 1])
+    count, as_low, least = 0, 0, lowest[cell] + depth
+    for k in range(len(steps)):
+        z = lowest[cell + steps[k]]
         if z == np.inf:
             continue
-        beyond = height_at(lowest, row + 2 * ring[k, 0], column + 2 * ring[k, 1])
-        across = height_at(lowest, row - ring[k, 0], column - ring[k, 1])
+        beyond, across = lowest[cell + 2 * steps[k]], lowest[cell - steps[k]]
         z += max(0.0, min(z - beyond, 0.5 * (across - z)))
         around[count] = z
         count += 1
         as_low += z <= least
-        if as_low > len(ring) // RING_SHARE:
+        if as_low > len(steps) // RING_SHARE:
             return -np.inf
     if count == 0:
         return -np.inf
     level = float(np.sort(around[:count])[count // RING_SHARE])
     return level if level > least else -np.inf
+
+
+@kernel
+def empty_around(rows: int, columns: int, away: int) -> Values:
+    """Heights of cells (rows + 2 away, columns + 2 away), inf everywhere: cells, and none as far around."""
+    return np.full((rows + 2 * away, columns + 2 * away), np.inf)
 
 
 def without_pits(heights: Grid, depth: float) -> Grid:
@@ -198,25 +210,30 @@ def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
     """The surface (rows, columns), inf where there is none, without pits, and NaN for inf. A round judges the
     cells near those that changed, all on the same surface.
     """
-    filled, look, away = lowest.astype(np.float64), np.ones(lowest.shape, np.bool_), 2 * ring.max()
-    while look.any():
-        row, column = np.nonzero(look)
-        level = [level_around(filled, row[k], column[k], ring, depth) for k in range(len(row))]
-        look[:] = False
-        for k in range(len(row)):
-            if level[k] > -np.inf:
-                filled[row[k], column[k]] = level[k]
-                top, left = max(0, row[k] - away), max(0, column[k] - away)
-                look[top : row[k] + away + 1, left : column[k] + away + 1] = True
+    (rows, columns), away, look = lowest.shape, 2 * ring.max(), np.ones(lowest.shape, np.bool_)
+    wide = empty_around(rows, columns, away)
+    filled, flat = wide[away : away + rows, away : away + columns], wide.ravel()
+    filled[:] = lowest
+    steps, around = ring[:, 0] * wide.shape[1] + ring[:, 1], np.empty(len(ring))
+    pit, level, count = np.empty((rows * columns, 2), np.int32), np.empty(rows * columns), 1
+    while count > 0:
+        count = 0
+        for row in range(rows):
+            for column in range(columns):
+                if not look[row, column] or filled[row, column] == np.inf:
+                    continue
+                look[row, column] = False
+                cell = (row + away) * wide.shape[1] + column + away
+                level[count] = level_around(flat, cell, steps, depth, around)
+                if level[count] > -np.inf:
+                    pit[count] = row, column
+                    count += 1
+        for k in range(count):
+            row, column = pit[k]
+            filled[row, column] = level[k]
+            top, left = max(0, row - away), max(0, column - away)
+            look[top : row + away + 1, left : column + away + 1] = True
     return np.where(filled == np.inf, np.nan, filled)
-
-
-@inlined_kernel
-def height_at(lowest: Values, row: int, column: int) -> Any:
-    """The height of a cell (rows, columns), inf where there is none."""
-    if row < 0 or column < 0 or row >= lowest.shape[0] or column >= lowest.shape[1]:
-        return np.inf
-    return lowest[row, column]
 
 
 @kernel
@@ -276,51 +293,39 @@ def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -
 
 
 @kernel
-def highest_kernel(xyz: Points, corner: Values, side: float, rows: int, columns: int) -> Values:
-    """The highest `GROUP` + 1 heights of each cell, sorted, and its count: (rows, columns, GROUP + 2)."""
-    above = np.full((rows, columns, GROUP + 2), -np.inf)
-    above[:, :, GROUP + 1] = 0.0
-    least = np.full((rows, columns), -np.inf)  # of each group, side by side: most points are under it
+def mark_high_kernel(xyz: Points, corner: Values, side: float, rows: int, columns: int, high: Mask) -> None:
+    """Mark in `high` (N,) the points of high groups in cells (rows, columns), few of which rise over all
+    around.
+    """
+    top, number = -empty_around(rows, columns, 1), np.full((rows, columns), EMPTY)
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
-        z, best = xyz[i, 2], above[row, column]
-        best[GROUP + 1] += 1
-        if z > least[row, column]:
-            k = GROUP
-            while k > 0 and best[k - 1] < z:
-                best[k] = best[k - 1]
-                k -= 1
-            best[k] = z
-            least[row, column] = best[GROUP]
-    return above
-
-
-@kernel
-def ceiling_kernel(above: Values) -> Values:
-    """Height of each cell (rows, columns) at and over which points are high."""
-    rows, columns = above.shape[0], above.shape[1]
-    ceiling = np.full((rows, columns), np.inf)
+        top[row + 1, column + 1] = max(top[row + 1, column + 1], xyz[i, 2])
+    level, count = np.empty(rows * columns), 0
     for row in range(rows):
         for column in range(columns):
-            occupied, top = 0, -np.inf
-            for r in range(max(0, row - 1), min(rows, row + 2)):
-                for c in range(max(0, column - 1), min(columns, column + 2)):
-                    if (r != row or c != column) and above[r, c, GROUP + 1] > 0:
-                        occupied, top = occupied + 1, max(top, above[r, c, 0])
-            best = above[row, column]
-            for size in range(min(GROUP, int(GROUP_SHARE * best[GROUP + 1])), 0, -1):
-                least = best[size - 1]
-                if occupied >= 3 and least - best[size] >= CELL_M and least >= top + CELL_M:
-                    ceiling[row, column] = least
-                    break
-    return ceiling
-
-
-@kernel
-def mark_high_kernel(xyz: Points, corner: Values, side: float, ceiling: Values, high: Mask) -> None:
-    """Mark in `high` (N,) the points at or over the ceilings (rows, columns) of their cells."""
-    lowest = ceiling.min()
+            around, here = top[row : row + 3, column : column + 3].copy(), top[row + 1, column + 1]
+            around[1, 1] = -np.inf
+            if (around > -np.inf).sum() >= 3 and here >= around.max() + CELL_M:
+                level[count], number[row, column] = around.max() + CELL_M, count
+                count += 1
+    if count == 0:
+        return
+    best, size, ceiling = np.full((count, GROUP + 1), -np.inf), np.zeros(count), np.full(count, np.inf)
     for i in range(len(xyz)):
-        if xyz[i, 2] >= lowest:
-            row, column = place_of(xyz, i, corner, side)
-            high[i] |= xyz[i, 2] >= ceiling[row, column]
+        k, z = number[place_of(xyz, i, corner, side)], xyz[i, 2]
+        if k == EMPTY:
+            continue
+        size[k] += 1
+        for rank in range(GROUP + 1):
+            if best[k, rank] < z:
+                best[k, rank], z = z, best[k, rank]
+    for k in range(count):
+        for members in range(min(GROUP, int(GROUP_SHARE * size[k])), 0, -1):
+            least = best[k, members - 1]
+            if ceiling[k] == np.inf and least - best[k, members] >= CELL_M and least >= level[k]:
+                ceiling[k] = least
+    for i in range(len(xyz)):
+        k = number[place_of(xyz, i, corner, side)]
+        if k != EMPTY:
+            high[i] |= xyz[i, 2] >= ceiling[k]

@@ -12,7 +12,8 @@ from scipy import ndimage
 from eaves.ground.toolkit.wide_objects import LOOK_CELLS, PlateauRules
 from eaves.kernels import kernel
 from eaves.methods import parameter
-from eaves.model import Bounds, Grid, Labels, Mask, Points, Raster
+from eaves.model import Bounds, Grid, Integers, Labels, Mask, Points, Raster
+from eaves.raster.extremes import highest_in_squares, lowest_in_squares
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
 from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
 from eaves.raster.interpolate import ADJOINING, fill_linear, fill_smooth, near_cells
@@ -145,48 +146,8 @@ def openings(values: Grid, radii: Iterable[int]) -> Iterator[Grid]:
     """
     lowest, before = np.ascontiguousarray(values, np.float32), 0
     for radius in radii:
-        lowest, before = lowest_in_squares_kernel(lowest, radius - before), radius
-        yield np.asarray(-lowest_in_squares_kernel(-lowest, radius))
-
-
-@kernel
-def lowest_in_squares_kernel(values: Grid, radius: int) -> Grid:
-    """The lowest value within `radius` rows and columns of each cell (H, W).
-
-    Along rows, then along columns, the minima of runs of 2, 4, 8 … cells are made from those of half as many;
-    two runs that overlap cover the window. The inner loops go along rows, which a processor does many cells
-    at a time.
-    """
-    rows, columns = values.shape
-    width = 2 * radius + 1
-    line, wider = np.empty(columns + 2 * radius, np.float32), np.empty(columns + 2 * radius, np.float32)
-    runs = np.full((rows + 2 * radius, columns), np.inf, np.float32)
-    for row in range(rows):
-        line[:radius], line[radius + columns :] = np.inf, np.inf
-        line[radius : radius + columns] = values[row]
-        span = 1
-        while 2 * span <= width:
-            ahead = line[span:]
-            for i in range(len(ahead)):
-                wider[i] = line[i] if line[i] < ahead[i] else ahead[i]
-            line, wider = wider, line
-            span *= 2
-        last, out = line[width - span :], runs[row + radius]
-        for column in range(columns):
-            out[column] = line[column] if line[column] < last[column] else last[column]
-    span = 1
-    while 2 * span <= width:
-        for row in range(len(runs) - span):
-            here, below = runs[row], runs[row + span]
-            for column in range(columns):
-                here[column] = here[column] if here[column] < below[column] else below[column]
-        span *= 2
-    lowest = np.empty((rows, columns), np.float32)
-    for row in range(rows):
-        first, last, out = runs[row], runs[row + width - span], lowest[row]
-        for column in range(columns):
-            out[column] = first[column] if first[column] < last[column] else last[column]
-    return lowest
+        lowest, before = lowest_in_squares(lowest, radius - before), radius
+        yield highest_in_squares(lowest, radius)
 
 
 class Opening(TerraceRules):
@@ -230,42 +191,61 @@ def lowest_surface(xyz: Points, bounds: Bounds, cell: float, opening: Opening, o
     """
     bounds = whole_cells(bounds, cell)
     number = lowest_points(xyz, bounds, cell)
-    occupied = number != EMPTY
+    (rows, columns), occupied = number.shape, number != EMPTY
     above = occupied & over[np.maximum(number, 0)]
     heights = heights_of(number, xyz[:, 2])
     bare = Raster(np.where(above, np.float32(np.nan), heights), bounds.west, bounds.north, cell)
     south, east = slopes_of(bare, opening)
-    rows, columns = np.nonzero(occupied)
-    at = xyz.take(number[occupied], axis=0)
-    moved = heights[occupied].astype(np.float64)
-    moved += east[occupied] * (bounds.west + (columns + 0.5) * cell - at[:, 0])
-    moved -= south[occupied] * (bounds.north - (rows + 0.5) * cell - at[:, 1])
-    centred = np.full(bare.shape, np.nan, np.float32)
-    centred[occupied] = moved
-    slope = np.hypot(south, east).astype(np.float32)
+    centred = centred_kernel(xyz, number, heights, east, south, bounds.west, bounds.north, cell)
+    slope = np.repeat(np.repeat(np.hypot(south, east), 2, axis=0), 2, axis=1)[:rows, :columns]
     return LowestPoints(number, fill_linear(bare.with_(values=centred)), slope, above)
 
 
+@kernel
+def centred_kernel(
+    xyz: Points,
+    number: Integers,
+    heights: Grid,
+    east: Grid,
+    south: Grid,
+    west: float,
+    north: float,
+    cell: float,
+) -> Grid:
+    """Heights (H, W) of the points numbered (H, W), moved to the centres of their cells along the rise to
+    east and south, which is that of two by two cells; NaN where there is none."""
+    rows, columns = number.shape
+    centred = np.full((rows, columns), np.nan, np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            i = number[row, column]
+            if i == EMPTY:
+                continue
+            z = np.float64(heights[row, column])
+            z += east[row // 2, column // 2] * (west + (column + 0.5) * cell - xyz[i, 0])
+            z -= south[row // 2, column // 2] * (north - (row + 0.5) * cell - xyz[i, 1])
+            centred[row, column] = z
+    return centred
+
+
 def slopes_of(lowest: Raster, opening: Opening) -> tuple[Grid, Grid]:
-    """Rise of the terrain to the south and to the east in each cell (H, W), by a first opening of the lowest
-    heights of cells twice as wide.
+    """Rise of the terrain to the south and to the east in each square of two by two cells (H, W), by a first
+    opening of its lowest heights.
 
     It is measured over a quarter of the widest window, so that no car makes one.
     """
     rows, columns = lowest.shape
     even = np.pad(lowest.values, ((0, rows % 2), (0, columns % 2)), constant_values=np.nan)
-    halves = np.fmin.reduce(even.reshape(even.shape[0] // 2, 2, -1, 2), axis=(1, 3))
+    upper, lower = (np.fmin(even[k::2, ::2], even[k::2, 1::2]) for k in range(2))
+    halves = np.fmin(upper, lower)
     wide = Raster(fill_smooth(halves), lowest.west, lowest.north, 2.0 * lowest.cell)
     level = np.zeros(wide.shape, np.float32)
     if min(wide.shape) < 2:
-        return np.zeros(lowest.shape, np.float32), np.zeros(lowest.shape, np.float32)
+        return level, level
     objects = stands_out(wide, opening, level)
     terrain = fill_smooth(np.where(objects, np.float32(np.nan), halves))
     smooth = ndimage.gaussian_filter(terrain, opening.window / 4.0 / wide.cell, truncate=2)
-    south, east = (
-        np.repeat(np.repeat(rise, 2, axis=0), 2, axis=1)[:rows, :columns]
-        for rise in np.gradient(smooth, wide.cell)
-    )
+    south, east = np.gradient(smooth, wide.cell)
     return south, east
 
 
@@ -309,6 +289,6 @@ def stand_out_kernel(objects: Mask, surface: Grid, lower: Grid, rise: Grid, radi
     """Mark in `objects` (H, W) the cells of `surface` that rise over `lower`."""
     rows, columns = objects.shape
     for row in range(rows):
+        line, upper, low, most = objects[row], surface[row], lower[row], rise[row]
         for column in range(columns):
-            if surface[row, column] - lower[row, column] > rise[row, column] * radius:
-                objects[row, column] = True
+            line[column] |= upper[column] - low[column] > most[column] * radius

@@ -14,6 +14,7 @@ from eaves.ground.toolkit.floor import Floor
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, PointCloud, Points, Values
+from eaves.raster.extremes import lowest_in_squares
 from eaves.raster.grid import WorldGrids
 from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells, nearest_cells
 
@@ -94,8 +95,9 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     """
     step = min(rules.wall, max(rules.wall / 2, cell))
     occupied = np.isfinite(heights)
-    z = np.where(occupied, heights, ndimage.minimum_filter(np.where(occupied, heights, np.inf), 3))
-    z = np.where(np.isfinite(z), z, np.nan).astype(np.float32)
+    z = np.where(occupied, heights, np.float32(np.inf))
+    z = np.where(occupied, heights, lowest_in_squares(z, 1))
+    z[np.isinf(z)] = np.nan
     square, count = ndimage.label(squares_kernel(z, np.float32(step)))
     label = cells_kernel(np.asarray(square, np.int32))
     area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
@@ -166,8 +168,9 @@ def height_over(surfaces: Surfaces, base: int, chosen: Mask) -> Values:
     """Height (K + 1,) of each chosen surface over the surface `base` where they are nearest; 0 for the
     others.
     """
-    over = np.zeros(len(surfaces.area))
-    at = np.flatnonzero(chosen[surfaces.label])
+    over, others = np.zeros(len(surfaces.area)), chosen.copy()
+    others[base] = False
+    at = np.flatnonzero(others[surfaces.label])
     if len(at) == 0:
         return over
     at_base = surfaces.label == base
@@ -463,7 +466,12 @@ def over_kernel(
 ) -> None:
     """Mark in `over` (N,) the points over the ceiling (H, W) of their cells."""
     rows, columns = ceiling.shape
-    for i in range(len(xyz)):
+    lowest = np.inf
+    for height in ceiling.ravel():
+        lowest = float(height) if height < lowest else lowest
+    for i in range(len(xyz) if lowest < np.inf else 0):
+        if xyz[i, 2] <= lowest:
+            continue
         column = (np.int64(np.rint(xyz[i, 0] / GRID_STEP)) + right) // side - west
         row = north - (np.int64(np.rint(xyz[i, 1] / GRID_STEP)) + up) // side
         if 0 <= row < rows and 0 <= column < columns and xyz[i, 2] > ceiling[row, column]:

@@ -30,6 +30,9 @@ WIDE = 3
 CROSSING_M = 0.6
 """Planes that cross this near (m) to a place meet there in a fold and make no step."""
 
+LEAST_WEIGHT = 1e-6
+"""What weighs less than this says nothing of a wall."""
+
 LEAST_REMAINDER = 0.001
 """Share of a side that further windows are not asked about."""
 
@@ -199,9 +202,11 @@ def signs_kernel(sums: Values, ground: Values, window: int, noise: float) -> Val
                 continue
             depth = DEPTH_STEP_M * i
             good, n, before, rise = side_kernel(sums[i], j, -1, window, place, depth, straight)
+            if here * good < LEAST_WEIGHT:
+                continue
             fine, m, after, fall = side_kernel(sums[i], j, 1, window, place, depth, straight)
             weight = here * good * fine
-            if weight < 1e-6:
+            if weight < LEAST_WEIGHT:
                 continue
             total += weight
             jump = abs(after - before)
