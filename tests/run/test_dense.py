@@ -83,12 +83,13 @@ def halves(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"one": whole, "two": folder / "cut"}
 
 
-def test_files_of_a_dense_scan_may_cut_it_anyhow(halves: dict[str, Path], tmp_path: Path) -> None:
+def test_files_and_tiles_may_cut_a_dense_scan_anyhow(halves: dict[str, Path], tmp_path: Path) -> None:
     models = []
-    for name, source in halves.items():
-        assert build_in_blocks(60.0, source, tmp_path / name, outputs=("models",)).complete
-        models.append((tmp_path / name / "buildings.city.jsonl").read_text().splitlines())
-    assert len(models[0]) == 10 and models[0][1:] == models[1][1:]
+    for name, per_tile in (("one", False), ("two", False), ("two", True)):
+        out = tmp_path / f"{name}-{per_tile}"
+        build_in_blocks(60.0, halves[name], out, outputs=("models",), per_tile=per_tile)
+        models.append((out / "buildings.city.jsonl").read_text().splitlines())
+    assert len(models[0]) == 10 and models[0][1:] == models[1][1:] == models[2][1:]
 
 
 def test_a_run_that_goes_on_thins_nothing_again(halves: dict[str, Path], tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,7 +12,6 @@ from eaves.geometry.neighbours import thin_kernel
 from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block
 from eaves.model.cloud import PER_METRE, canonical_order
-from eaves.run.partition import COVER_CELL, PartMark, covered_kernel
 from eaves.run.points import first_kernel
 from eaves.run.store import join_records
 
@@ -23,27 +21,15 @@ ENOUGH_PER_M2 = 40.0
 """Points per m² of a surface that decide a building: of a denser scan (overlapping strips, drones, images)
 one stands for its neighbours. Twice the density of national surveys, which the methods' numbers are for; from
 there on neither time nor memory grow."""
+FEW_PER_M2 = 10.0
+"""So few points per m² of a whole block cost little, wherever in it they lie."""
 SIDE = 0.16
 """Side (m) of the cells, and height of their levels, in which one point stands for the others: of a surface
 no more than `ENOUGH_PER_M2` stay. Whole cells fill a block."""
 BAND = 4
-"""Rows of 1 m cells that are thinned at a time; whole cells of `SIDE` and of `COVER_CELL` fill them."""
-
-
-def dense_blocks(marks: Mapping[str, PartMark], record: np.dtype[np.void]) -> set[str]:
-    """The names of the blocks that may hold too many points: as many as that in the cells of one file, as the
-    marks of parts say."""
-    points, cells = Counter[str](), dict[str, int]()
-    for mark in marks.values():
-        for name, (size, _, covered) in mark.blocks.items():
-            points[name] += size // record.itemsize
-            cells[name] = max(cells.get(name, 0), covered)
-    return {name for name, count in points.items() if is_dense(count, cells[name])}
-
-
-def is_dense(count: int, cells: int) -> bool:
-    """True if points are more than `ENOUGH_PER_M2` in the cells (`COVER_CELL`) that they lie in."""
-    return count > ENOUGH_PER_M2 * COVER_CELL**2 * cells
+"""Rows of 1 m cells that are thinned at a time; whole cells of `SIDE` fill them."""
+COVER_CELL = 0.5
+"""Side (m) of the cells in which is counted how much of a block has points."""
 
 
 def see_files(
@@ -61,8 +47,13 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict
     follows the rows in work and what is kept.
     """
     block, files = view
-    kept, count, covered = list[Records](), 0, 0
+    cells = np.zeros((int(np.ceil(block.side / COVER_CELL)),) * 2, np.bool_)
+    for records in files:
+        cover_kernel(records["xyz"], round(COVER_CELL / GRID_STEP), cells)
     places = np.empty(sum(map(len, files)), np.uint32)
+    if len(places) <= ENOUGH_PER_M2 * COVER_CELL**2 * cells.sum():
+        return {}
+    kept, count = list[Records](), 0
     places_of_files = np.split(places, np.cumsum([len(records) for records in files])[:-1])
     bands = int(np.ceil(block.side / BAND))
     limits = [bands_kernel(records["xyz"], BAND * PER_METRE, bands) for records in files]
@@ -72,7 +63,6 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict
         if not len(records):
             continue
         quanta = np.ascontiguousarray(records["xyz"])
-        covered += covered_kernel(quanta)
         stands = thin_kernel(quanta, records["return_number"], round(SIDE / GRID_STEP))
         chosen = np.flatnonzero(stands == np.arange(len(stands)))
         chosen = chosen[canonical_order(quanta[chosen] * GRID_STEP, records["return_number"][chosen])]
@@ -83,9 +73,14 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict
             target[rows] = piece
         kept.append(records.take(chosen))
         count += len(chosen)
-    if not is_dense(len(places), covered):
-        return {}
     return {"records": join_records(kept).view(np.uint8), "stands": places}
+
+
+@kernel
+def cover_kernel(quanta: NDArray[np.int32], side: int, cells: NDArray[np.bool_]) -> None:
+    """Mark the cells of a side (quanta) that hold any of the points (N, 3) of a block."""
+    for i in range(len(quanta)):
+        cells[quanta[i, 1] // side, quanta[i, 0] // side] = True
 
 
 @kernel

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from eaves.blocks.thinned import dense_blocks
+from eaves.blocks.thinned import FEW_PER_M2
 from eaves.buildings.building_file import NUMBERS
 from eaves.buildings.edited import OwnedOrders
 from eaves.buildings.join import (
@@ -193,10 +193,9 @@ def replace_points(region: Region) -> None:
 
 def thin_points(region: Region) -> None:
     """Let one point stand for its neighbours where a scan is dense."""
-    dense, squares = dense_blocks(region.parts, region.store.record), squares_to_read(region)
-    blocks = region.store.blocks(region.run.side) if dense else []
-    known = [block for block in blocks if squares is None or block in squares]
-    choose_points(region, THINNED, [block for block in known if block.name in dense])
+    store, side, squares = region.store, region.run.side, squares_to_read(region)
+    blocks = [block for block in store.blocks(side) if squares is None or block in squares]
+    choose_points(region, THINNED, [b for b in blocks if store.count_points(b) > FEW_PER_M2 * side**2])
 
 
 def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:

@@ -207,7 +207,7 @@ def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> 
         # most clouds are in order already, or made of runs that are, which numpy's stable sort merges in a
         # seventh of the time; ties are settled below
         rising = falls == 0
-        kind: Literal["stable", "quicksort"] = "stable" if falls < len(key) / LONG_RUN else "quicksort"
+        kind: Literal["stable"] | None = "stable" if LONG_RUN * falls < len(key) else None
         order = np.arange(len(key)) if rising else np.argsort(key, kind=kind)
         ordered = key if rising else key.take(order)
         tied = np.flatnonzero(ordered[1:] == ordered[:-1])

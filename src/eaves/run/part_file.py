@@ -38,19 +38,20 @@ JSON_TYPES = frozenset((type(None), str, bool, int, float))
 
 
 def save_part(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, list[Any]]:
-    """Write arrays by name, whole or not at all; the type, the shape and the checksum of each, by its name.
+    """Write arrays by name, whole or not at all; type, shape, checksum and place of each, by its name.
 
     Raises
     ------
     ValueError
         When an array holds objects.
     """
-    pieces, table = [], {}
+    pieces, table, place = [], {}, 0
     for name, array in arrays.items():
         if array.dtype.hasobject:
             raise ValueError(f"{name} holds objects, which a part never does")
         pieces.append(np.ascontiguousarray(array).data)
-        table[name] = [array.dtype.str, array.shape, crc32(pieces[-1])]
+        table[name] = [array.dtype.str, array.shape, crc32(pieces[-1]), place]
+        place += array.nbytes
     text = json.dumps(table).encode()
     with atomic(path) as temporary, temporary.open("wb") as file:
         file.write(TABLE.pack(len(text), crc32(text)) + text)
@@ -73,16 +74,12 @@ class PartFile(Mapping[str, NDArray[Any]]):
             text = file.read(length)
         if not length or crc32(text) != checksum:
             raise ValueError(f"{path} is no part of a run, or a damaged one")
-        self.path, self._places = path, dict[str, tuple[Any, int, list[int]]]()
+        self.path, self.start = path, TABLE.size + length
         self.table: dict[str, list[Any]] = json.loads(text)
-        place = TABLE.size + length
-        for name, (kind, shape, _) in self.table.items():
-            self._places[name] = kind, place, shape
-            place += np.dtype(kind).itemsize * math.prod(shape)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        kind, place, shape = self._places[name]
-        return np.fromfile(self.path, kind, math.prod(shape), offset=place).reshape(shape)
+        kind, shape, _, place = self.table[name]
+        return np.fromfile(self.path, kind, math.prod(shape), offset=self.start + place).reshape(shape)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.table)
@@ -92,8 +89,8 @@ class PartFile(Mapping[str, NDArray[Any]]):
 
     def mapped(self, name: str) -> NDArray[Any]:
         """An array of which no more is read than is looked at; one that is empty is refused."""
-        kind, place, shape = self._places[name]
-        return np.asarray(np.memmap(self.path, kind, "c", place, tuple(shape)))
+        kind, shape, _, place = self.table[name]
+        return np.asarray(np.memmap(self.path, kind, "c", self.start + place, tuple(shape)))
 
 
 def as_arrays(result: Any) -> Mapping[str, NDArray[Any]]:
@@ -134,7 +131,7 @@ def is_whole_part(path: Path) -> bool:
     """True if a part is whole and every array matches its checksum."""
     try:
         part = PartFile(path)
-        return all(crc32(part[name].data) == checksum for name, (*_, checksum) in part.table.items())
+        return all(crc32(part[name].data) == checksum for name, (*_, checksum, _) in part.table.items())
     except (OSError, ValueError):
         return False
 

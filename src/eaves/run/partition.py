@@ -20,9 +20,8 @@ from shapely.geometry.base import BaseGeometry
 from eaves.formats import Chunk, InputError, Source, iter_chunks
 from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
-from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block, Bounds, Points
-from eaves.model.cloud import PER_METRE, canonical_order
+from eaves.model.cloud import canonical_order
 from eaves.run.index import Index, open_unchanged
 from eaves.run.keys import key_of, package_sources
 from eaves.run.store import Store
@@ -75,8 +74,7 @@ class PartMark:
     unread: str | None
     """Why not all were."""
     blocks: Mapping[str, Sequence[int]]
-    """Bytes and checksum of its file in each block, and the cells (`COVER_CELL`) that its points lie in, by
-    the block's name."""
+    """Bytes and checksum of its file in each block, by the block's name."""
 
 
 @dataclass(frozen=True)
@@ -140,13 +138,13 @@ def known_part(store: Store, name: str, key: str) -> PartMark | None:
     path = store.part_path(name)
     try:
         mark = PartMark(**json.loads(path.read_text(encoding="utf-8")))
-        files = {block: (int(size), int(check), int(n)) for block, (size, check, n) in mark.blocks.items()}
+        files = {block: (int(size), int(checksum)) for block, (size, checksum) in mark.blocks.items()}
     except FileNotFoundError:
         return None
     except (ValueError, TypeError, AttributeError, RecursionError):
         log.warning("%s: the part is damaged; its points are read again", path)
         return None
-    for block, (size, checksum, _) in files.items() if mark.key == key else ():
+    for block, (size, checksum) in files.items() if mark.key == key else ():
         place = store.folder / "points" / block / f"{name}.bin"
         if place.exists() and (place.stat().st_size != size or crc32(place.read_bytes()) != checksum):
             log.warning("%s: the part is damaged; its points are read again", place)
@@ -271,9 +269,9 @@ class SliceWriter:
         with (folder / self._hidden).open("ab") as file:
             file.write(records.data)
 
-    def finish(self, complete: bool) -> dict[str, tuple[int, int, int]]:
+    def finish(self, complete: bool) -> dict[str, tuple[int, int]]:
         """Put the points of each block in canonical order, once for all that reads them, and show the files,
-        the copy of the records when it is `complete`. What `PartMark.blocks` says of each block's."""
+        the copy of the records when it is `complete`. Bytes and checksum of each block's file."""
         if self._copy is not None:
             self._copy.close()
             if complete:
@@ -289,7 +287,7 @@ class SliceWriter:
             data = records.take(order).view(np.uint8).data
             with path.open("rb+") as file:
                 file.write(data)
-            written[block] = len(data), crc32(data), covered_kernel(records["xyz"])
+            written[block] = len(data), crc32(data)
             # not forced to the disk: who goes on from it checks its size and checksum
             os.replace(path, path.with_name(f"{self._name}.bin"))
         return written
@@ -301,20 +299,6 @@ class SliceWriter:
             os.unlink(self._copy.name)
         for block in self._blocks:
             (self._store.folder / "points" / block / self._hidden).unlink(missing_ok=True)
-
-
-COVER_CELL = 0.5
-"""Side (m) of the cells in which is counted how much of a block a file covers."""
-
-
-@kernel
-def covered_kernel(quanta: NDArray[np.int32]) -> int:
-    """How many cells hold any of the points (N, 3) of a block."""
-    side = round(COVER_CELL * PER_METRE)
-    cells = np.zeros((quanta[:, 1].max() // side + 1, quanta[:, 0].max() // side + 1), np.bool_)
-    for i in range(len(quanta)):
-        cells[quanta[i, 1] // side, quanta[i, 0] // side] = True
-    return int(cells.sum())
 
 
 TOO_FEW = 10

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,6 @@ RECORD = np.dtype(
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner. Where methods
 need other fields of the points, `fields` (K,) holds them."""
-PIECE = 1_000_000
-"""Points of a block that are in memory at a time where nothing asks for all."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
@@ -147,17 +145,14 @@ class Store:
         (`eaves.blocks.thinned`); None or empty where all speak for themselves."""
         return PartFile(self.path(THINNED, block)) if self.has(THINNED, block) else None
 
-    def followers(self, block: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint32]]]:
-        """The ids (K,) of all points of a dense scan in a block, piece by piece, and the numbers (K,) of what
+    def followers(self, block: Block) -> list[tuple[NDArray[np.int64], NDArray[np.uint32]]]:
+        """Of each file of a dense scan in a block the ids (N,) of all points, and the numbers (N,) of what
         stands for them; nothing where all speak for themselves."""
-        part, first = self.thinned(block), 0
-        if not part:
-            return
-        stands = part.mapped("stands")
-        for records in self.map_all(block):
-            for piece in np.split(records, range(PIECE, len(records), PIECE)):
-                yield piece["point_id"], stands[first : first + len(piece)]
-                first += len(piece)
+        part = self.thinned(block)
+        files = self.map_all(block) if part else []
+        places = np.cumsum([len(records) for records in files])
+        stands = np.split(part.mapped("stands"), places[:-1]) if part else []
+        return [(records["point_id"], numbers) for records, numbers in zip(files, stands, strict=True)]
 
     def map_all(self, block: Block) -> list[NDArray[np.void]]:
         """The records of all points in a block, an array a file; of a file no more is read than is looked
@@ -222,7 +217,7 @@ class Store:
         path = self.path(step, unit)
         path.parent.mkdir(exist_ok=True)
         table = save_part(path, arrays)
-        result_key = key_of({name: entry for name, entry in table.items() if name != SECONDS})
+        result_key = key_of({name: entry[:3] for name, entry in table.items() if name != SECONDS})
         nothing = key_of()
         mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, result_key)
         self._write_mark(step, unit, mark)
