@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.raster.extremes import highest_in_squares, lowest_in_squares
+from eaves.raster.grid import highest_in_squares, lowest_in_squares
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2, 7, 8, 31])

@@ -14,8 +14,7 @@ from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import BRIDGE_DECK, GRID_STEP, WATER, Bounds, Doubt, Grid, Labels, Mask, PointCloud, Values
-from eaves.raster.extremes import highest_in_squares, lowest_in_squares
-from eaves.raster.grid import WorldGrids
+from eaves.raster.grid import WorldGrids, highest_in_squares, lowest_in_squares
 from eaves.raster.groups import (
     ONWARD,
     closed_by_square,

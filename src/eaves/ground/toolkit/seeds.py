@@ -13,8 +13,14 @@ from eaves.ground.toolkit.wide_objects import LOOK_CELLS, PlateauRules
 from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Integers, Labels, Mask, Points, Raster
-from eaves.raster.extremes import highest_in_squares, lowest_in_squares
-from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
+from eaves.raster.grid import (
+    EMPTY,
+    heights_of,
+    highest_in_squares,
+    lowest_in_squares,
+    lowest_points,
+    whole_cells,
+)
 from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
 from eaves.raster.interpolate import ADJOINING, fill_linear, fill_smooth, near_cells
 

@@ -14,8 +14,7 @@ from eaves.ground.toolkit.floor import Floor
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, PointCloud, Points, Values
-from eaves.raster.extremes import lowest_in_squares
-from eaves.raster.grid import WorldGrids
+from eaves.raster.grid import WorldGrids, lowest_in_squares
 from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells, nearest_cells
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)
