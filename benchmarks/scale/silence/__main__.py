@@ -1,0 +1,5 @@
+"""`python -m benchmarks.scale.silence`."""
+
+from benchmarks.scale.silence import main
+
+main()
