@@ -97,6 +97,7 @@ def measured_wrong(
     moved: Callable[[World], World] = in_world,
     only: Sequence[int] | None = None,
     layer: str = "footprints.gpkg",
+    system: CRS = SYSTEM,
 ) -> Callable[[Path], str]:
     """The judge of a run's folder by the truth: what is wrong with its houses, in words; "" for nothing.
 
@@ -107,18 +108,20 @@ def measured_wrong(
     heights : bool
         Heights, volumes and trust count.
     moved : callable
-        From points about `PLACE` to those of `SYSTEM`, where the scene was moved.
+        From points about `PLACE` to those of `system`, where the scene was moved.
     only : sequence of int or None
         The houses that are there; all.
     layer : str
         The file of the footprints.
+    system : CRS
+        In metres and true to length, what `moved` leads to.
     """
 
     def judge(out: Path) -> str:
         table = pyogrio.read_dataframe(out / layer, layer="footprints")
         if table.crs is None:
             return "the footprints have no system"
-        to_metres = Transformer.from_crs(CRS(table.crs).to_2d(), SYSTEM, always_xy=True)
+        to_metres = Transformer.from_crs(CRS(table.crs).to_2d(), system, always_xy=True)
         plans = [
             shapely.transform(shape, lambda xy: np.column_stack(to_metres.transform(*xy.T)))
             for shape in table.geometry
