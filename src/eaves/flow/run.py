@@ -465,6 +465,7 @@ def describe_plan(
         **index.describe(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
+        "reference": index.reference,
         "source": options["source"] and find_source(options["source"]).cited,
         "as_published": options["as_published"],
         "methods": methods,

@@ -11,8 +11,17 @@ import pyproj
 from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError, ProjError
 
-from eaves.formats.crs import is_same_unit, name_of_unit, plane_part, unbound, with_heights_in
+from eaves.formats.crs import (
+    describe_system,
+    is_same_unit,
+    name_of_unit,
+    name_units,
+    plane_part,
+    unbound,
+    with_heights_in,
+)
 from eaves.formats.errors import InputError
+from eaves.model import CoordinateSystem
 
 REMEDY = "pass the right one with crs= or --crs"
 SAME_PLACE = 5.0
@@ -65,6 +74,19 @@ class Stated:
         """Who states the system, and who the unit of heights; empty for nobody."""
         known = self.heights_from or self.plane_from
         return self.plane_from if self.crs is not None else "", known if self.upright is not None else ""
+
+
+def describe_reference(own: Stated, system: CoordinateSystem) -> dict[str, str]:
+    """The system of results and the units of the files' heights and plane in words, each with who states it:
+    `system`, `plane`, `heights`."""
+    names = name_units(system)
+    plane_from, heights_from = own.origins
+    plain = f"not stated: taken as {names['heights']}"
+    return {
+        "system": describe_system(system),
+        "plane": f"{names['geometry']} ({plane_from or 'not stated: taken as metre'})",
+        "heights": f"{names['heights']} ({heights_from or plain})",
+    }
 
 
 def axes_of(crs: pyproj.CRS) -> list[pyproj._crs.Axis]:

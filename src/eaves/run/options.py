@@ -116,7 +116,6 @@ class RunOptions(TypedDict, total=False):
             "WKT; `none` keeps that of the files. By default the UTM zone of the first file if its system is "
             "in degrees or its scale is off by over 1 %, else its own.",
             again=True,
-            panel="input",
         ),
     ]
     bounds: Annotated[

@@ -244,8 +244,9 @@ def aligned(terrain: Heights, image: Any) -> Any:
     """A raster on the cells of another one, between its own cells by their distance."""
     grid = {"transform": image.transform, "width": image.width, "height": image.height}
     system, own = image.crs or NOWHERE, terrain.image
-    missing = own.nodata if own.nodata is not None else next(iter(terrain.left_out[::-1]), None)
+    if own.nodata is None and terrain.left_out:
+        grid["src_nodata"] = terrain.left_out[-1]
     return WarpedVRT(
-        own, src_crs=own.crs or system, crs=system, resampling=Resampling.bilinear, src_nodata=missing,
-        nodata=np.nan, dtype="float32", **grid
+        own, src_crs=own.crs or system, crs=system, resampling=Resampling.bilinear, nodata=np.nan,
+        dtype="float32", **grid
     )  # fmt: skip

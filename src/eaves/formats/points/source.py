@@ -30,6 +30,7 @@ from eaves.formats.transformation import (
     target_of,
     transformed_remark,
     with_heights_of,
+    zone_of,
 )
 from eaves.model import (
     LOCAL_METRES,
@@ -83,6 +84,12 @@ class Source:
         Layout of the records in the file.
     mark : bytes
         Its fingerprint when it was opened.
+    stored : Bounds
+        Its place in the file's own units.
+    own : Stated
+        The system that the file, or the caller in its place, states.
+    transformation : Transformation or None
+        The way to `system` from another one that the points are stored in.
 
     Examples
     --------
@@ -103,11 +110,8 @@ class Source:
     layout: LasHeader | TextLayout = field(repr=False, compare=False)
     mark: bytes = field(default=b"", repr=False, compare=False)
     stored: Bounds = field(default=Bounds(0.0, 0.0, 0.0, 0.0), repr=False, compare=False)
-    """Its place in the file's own units."""
     own: Stated = field(default=Stated(), repr=False, compare=False)
-    """The system that the file, or the caller in its place, states."""
     transformation: Transformation | None = field(default=None, repr=False, compare=False)
-    """The way to `system` from another one that the points are stored in."""
 
     @property
     def target(self) -> str:
@@ -595,10 +599,11 @@ def _undeclared(path: Path, low: Corner, high: Corner, step: float, to_crs: str 
     width, relief = max(high[0] - low[0], high[1] - low[1]), high[2] - low[2]
     fits = max(abs(low[0]), abs(high[0])) <= 180 and max(abs(low[1]), abs(high[1])) <= 90
     if fits and 0 < width < DEGREE_EXTENT and (relief > DEGREE_RELIEF * width or step < DEGREE_SCALE):
+        zone = zone_of(pyproj.CRS.from_epsg(4326), *centre)
         raise InputError.about(
             path,
             f"coordinates around {centre[0]:.4f}, {centre[1]:.4f} are degrees of a system that nobody states",
-            "pass it with crs= or --crs, for example EPSG:4326",
+            f"pass it with crs= or --crs, for example EPSG:4326; points are transformed to {zone} then",
         )
     if to_crs not in (None, AS_STORED):
         raise InputError.about(path, "has no coordinate system to transform from", "pass it with --crs")
