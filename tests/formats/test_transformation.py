@@ -113,7 +113,7 @@ def test_two_systems_come_to_one_that_is_asked_for__and_are_refused_without(tmp_
     with pytest.raises(InputError, match=r"EPSG:5070.*--to-crs"):
         index_inputs(paths, None, [])
     index = index_inputs(paths, None, [], to_crs="EPSG:32618")
-    assert np.abs(index.entries["box"][0] - index.entries["box"][1]).max() < 3.0
+    assert np.abs(index.entries["box"][0] - index.entries["box"][1]).max() < 20.0  # one is turned
 
 
 FEET = {
