@@ -74,7 +74,7 @@ def test_with_a_terrain_of_other_cells_those_at_its_height_are_ground(tmp_path: 
 
 def test_a_raster_larger_than_a_piece_is_read_whole(tmp_path: Path) -> None:
     rows = raster_cells.PIECE // 1000 * 2 + 3
-    values = np.arange(rows * 1000.0).reshape(rows, 1000) / 100.0
+    values = np.arange(rows * 1000.0).reshape(rows, 1000) / 1000.0
     cloud = points_of(write_heights(tmp_path / "dsm.tif", values), tmp_path)
     assert len(cloud) == values.size
     assert np.allclose(cloud.xyz[:, 2], values.ravel(), atol=2e-3)

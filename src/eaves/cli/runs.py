@@ -234,16 +234,25 @@ def show_facts(inputs: list[str], crs: str | None, as_json: bool, quiet: bool, v
 
     from eaves.flow.advice import scan_facts
     from eaves.formats.inputs import list_inputs
+    from eaves.formats.points.converted import remarks_on
     from eaves.formats.points.remote import localise
     from eaves.run.index import index_inputs
 
     start_log(quiet, verbose)
     failed: list[str] = []
+    remarks: list[str] = []
     with TemporaryDirectory() as folder:
         local, _ = localise(inputs, Path(folder))
-        index = index_inputs(list_inputs(local), crs, failed)
+        paths = list_inputs(local)
+        index = index_inputs(paths, crs, failed, remarks=remarks)
         facts = scan_facts(index)
-    typer.echo(json.dumps(facts.as_json(), indent=2) if as_json else facts.as_text())
+        remarks += [remark for path in paths for remark in remarks_on(path)]
+    if as_json:
+        facts_and_more = facts.as_json()
+        facts_and_more["remarks"] += remarks
+        typer.echo(json.dumps(facts_and_more, indent=2))
+    else:
+        typer.echo("\n".join([facts.as_text(), *(f"note: {remark}" for remark in remarks)]))
     raise typer.Exit(INCOMPLETE if failed else COMPLETE)
 
 

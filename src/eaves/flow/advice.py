@@ -50,6 +50,8 @@ class ScanFacts:
         Files, records in them, and points that the figures are taken from: all, or runs evenly spread.
     system, units : str or None
         The reference system and its units.
+    reference : dict of str to str
+        System and units of plane and heights, with who states them.
     density, spacing : float
         Points/m² of the area that has points (of the headers' boxes where not all were read); m.
     returns : str
@@ -83,6 +85,7 @@ class ScanFacts:
     looked_at: int
     system: str | None
     units: str
+    reference: dict[str, str]
     density: float
     spacing: float
     returns: str
@@ -170,6 +173,8 @@ class ScanFacts:
             "points": f"{self.points:,}",
             "looked at": extent,
             "system": f"{self.system or 'none'}, {self.units}",
+            "plane in": self.reference["plane"],
+            "heights in": self.reference["heights"],
             "density": f"{self.density:.2f} points/m²",
             "spacing": f"{self.spacing:.2f} m",
             "returns": self.returns,
@@ -221,6 +226,7 @@ def scan_facts(index: Index) -> ScanFacts:
         looked_at=sample.read,
         system=None if index.system == LOCAL_METRES else index.system.code or "unnamed",
         units=name_units(index.system)["geometry"],
+        reference=index.reference,
         density=round(density, 3),
         spacing=round(density**-0.5, 3) if density else 0.0,
         returns=_kind_of_returns(sample),

@@ -20,6 +20,7 @@ from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
 from eaves.figures.party_walls import PARTY_GAP, Walls, envelope_figures, wall_figures
 from eaves.figures.trust import judge
 from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table
+from eaves.flow.feet import feet_remark
 from eaves.flow.review import (
     LAYER,
     REVIEW,
@@ -242,6 +243,8 @@ def write_outputs(
     for name, spent in clock.laps.items():
         region.budget.add(name, spent)
     region.budget.step("write")
+    if run.index.source(0).own.upright is None and (remark := feet_remark(kept.rows(owners))) is not None:
+        region.remark(remark)
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""
     description = describe_doubts(doubts, store.system.horizontal_unit_m, where)

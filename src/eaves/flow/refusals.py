@@ -19,7 +19,7 @@ import shapely
 from eaves.detect.given_classes import GivenClasses
 from eaves.flow.exports import COPC, FOOTPRINT_FILES
 from eaves.footprints.read import box_text
-from eaves.formats import InputError, open_source
+from eaves.formats import InputError
 from eaves.formats.points.source import check_fields
 from eaves.run.keys import is_of_package, package_sources
 from eaves.run.manifest import (
@@ -86,7 +86,7 @@ def refuse_no_fields(run: Run) -> None:
     """
     needs = run.recipe.needs
     for number in range(len(run.index)) if needs else ():
-        check_fields(run.index.kept.get(number) or open_source(run.index.path(number), run.index.crs), needs)
+        check_fields(run.index.source(number), needs)
 
 
 def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:

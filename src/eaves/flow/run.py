@@ -13,6 +13,9 @@ from glob import escape
 from pathlib import Path
 from typing import Any, Self, Unpack
 
+import shapely
+from shapely.geometry.base import BaseGeometry
+
 import eaves
 from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.exports import COPC, TILES, check_formats, classified_name, planned_names
@@ -28,16 +31,17 @@ from eaves.flow.refusals import (
     refuse_unknown_code,
     warn_of_memory,
 )
-from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
+from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map, shift_of
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.errors import require_extra
 from eaves.formats.inputs import list_inputs
+from eaves.formats.points.converted import remarks_on
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
 from eaves.methods import DEFAULTS, MethodChoice
-from eaves.model import BLOCK_SIDE, OVERHANGS, Block, CoordinateSystem, Failure, Footprint, Provenance
+from eaves.model import BLOCK_SIDE, OVERHANGS, Block, Bounds, CoordinateSystem, Failure, Footprint, Provenance
 from eaves.raster.surfaces import is_large
 from eaves.recipe.recipe import Recipe, is_named, make_recipe
 from eaves.recipe.sources import find_source
@@ -257,17 +261,23 @@ def plan_run(
     paths = list_inputs(local)
     refuse_collisions(folder, options["classified"], paths, list(polygons.values()))
     failed: list[str] = []
+    remarks = [remark for path in paths for remark in remarks_on(path)] if rasters else []
     index = index_inputs(
         paths,
         options["crs"],
         failed,
         lambda done, total: progress("index", done, total),
         options["crs_force"],
+        options["to_crs"],
+        remarks,
     )
+    options["to_crs"] = index.to_crs  # an update, whose first file may be another one, keeps to it
     check_whole(index, options)
     hashes = {name: hash_of(polygons.get(name)) for name in POLYGONS}
-    bounds = in_metres(options["bounds"], index.system)  # type: ignore[arg-type] # checked
-    window = Window(bounds, read_area(polygons["clip"], index.system) if "clip" in polygons else None)
+    window = window_of(
+        index, options, read_area(polygons["clip"], index.system) if "clip" in polygons else None
+    )
+    remarks += filter(None, (shift_of(path, index.system) for path in polygons.values()))
     may_miss = options["allow_empty"]
     if not may_miss:
         refuse_no_points(index, window, options)
@@ -305,7 +315,7 @@ def plan_run(
         failed=tuple(failed),
         carries_edits=carries_edits and not options["overwrite"],
         started=started,
-    )
+    ).with_remarks(*remarks)
     refuse_unknown_code(run)
     refuse_no_fields(run)
     if not (options["resume"] or run.by_tiles):
@@ -402,6 +412,18 @@ def claim(folder: Path) -> None:
         ) from None
 
 
+def window_of(index: Index, options: RunOptions, clip: BaseGeometry | None = None) -> Window:
+    """The points that are used. Of inputs that are transformed `bounds` are in their own system, where they
+    meet the points so, and else in that of the results."""
+    asked: Any = options["bounds"]
+    area = None if asked is None else index.area_of_stored(asked)
+    if area is None:
+        return Window(in_metres(asked, index.system), clip)
+    both = area if clip is None else shapely.intersection(area, clip)
+    shapely.prepare(both)
+    return Window(Bounds(*area.bounds), both)
+
+
 def goes_by_tiles(index: Index, options: RunOptions) -> bool:
     """True if a run that writes a folder is computed by tiles."""
     return options["per_tile"] or index.points > TILES_ABOVE
@@ -411,7 +433,7 @@ def planned_files(index: Index, options: RunOptions) -> set[str]:
     """Names in the output folder of the files, and folders of files, that a run will write."""
     planned, names = planned_names(options["outputs"], options["formats"]), set[str]()
     by_tiles = goes_by_tiles(index, options)
-    extent = within(index.extent, in_metres(options["bounds"], index.system))  # type: ignore[arg-type] # checked
+    extent = within(index.extent, window_of(index, options).bounds)
     if (by_tiles or is_large(extent)) and {"rasters", "mask"} & set(options["outputs"]):
         planned.add(TILES)
     if options["steps"] and not by_tiles:
@@ -443,6 +465,7 @@ def describe_plan(
         **index.describe(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
+        "reference": index.reference,
         "source": options["source"] and find_source(options["source"]).cited,
         "as_published": options["as_published"],
         "methods": methods,

@@ -18,6 +18,8 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of, text_of
 from eaves.formats import InputError, read_polygons
+from eaves.formats.crs import horizontal_crs
+from eaves.formats.transformation import datum_remark
 from eaves.formats.vectors.polygons import list_vector_layers, read_table
 from eaves.formats.vectors.vector_files import VectorLayer
 from eaves.geometry.rings import polygon_parts
@@ -42,6 +44,16 @@ def read_area(path: Path, system: CoordinateSystem) -> BaseGeometry:
     area = shapely.union_all(shapely.make_valid(read_polygons(path, target=system)[0]))
     shapely.prepare(area)
     return area
+
+
+def shift_of(path: Path, system: CoordinateSystem) -> str | None:
+    """The remark on a change of datum between a file of polygons and the points for which PROJ lacks the
+    grid; None where there is none."""
+    target, layers = horizontal_crs(system), list_vector_layers(path) if path.exists() else []
+    given = next((layer.crs for layer in layers if layer.crs), None)
+    if target is None or given is None:
+        return None
+    return datum_remark(path.name, given, target.to_wkt())
 
 
 def area_of(boxes: NDArray[np.float64], bounds: Bounds | None, clip: BaseGeometry | None) -> BaseGeometry:

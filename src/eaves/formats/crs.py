@@ -18,6 +18,8 @@ from eaves.model import CoordinateSystem
 
 LENGTHS = {"metres": 1.0, "feet": 0.3048, "us-feet": 1200 / 3937}
 """Words that stand for a local plane in a unit (m), where data have no place on Earth."""
+LIKELY = 25
+"""PROJ's confidence (%) in a registered system whose name and parameters fit, and whose axes do not."""
 SAME_UNIT = 1e-9
 """Relative difference under which two units are one: the two feet differ by 2e-6."""
 
@@ -94,7 +96,7 @@ def system_of(
             "pass the right system with crs= or --crs",
         )
     if vertical_unit is not None and abs(vertical_unit - height_unit) > SAME_UNIT * height_unit:
-        height_unit, plain = vertical_unit, _with_heights_in(horizontal, vertical_unit)
+        height_unit, plain = vertical_unit, with_heights_in(horizontal, vertical_unit)
     code = code_of(plain) if named else None
     return CoordinateSystem(plain.to_wkt(WktVersion.WKT2_2019), unit, height_unit, code)
 
@@ -110,7 +112,7 @@ def plane_part(crs: pyproj.CRS) -> pyproj.CRS:
     return unbound(plain.sub_crs_list[0] if plain.is_compound else plain)
 
 
-def _with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:
+def with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:
     """The plane system with heights above an unknown surface, measured in `unit` (m)."""
     heights = pyproj.CRS.from_wkt(
         'VERTCRS["height",VDATUM["unknown"],CS[vertical,1],'
@@ -121,8 +123,14 @@ def _with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:
 
 @lru_cache(maxsize=32)
 def epsg_of(crs: pyproj.CRS) -> int | None:
-    """The system's EPSG code, None for one that is not registered; looked up once, for it takes a while."""
+    """The system's EPSG code, None for one that is not registered; looked up once, for it takes a while.
+
+    WKT 1 often says nothing of axes, so that a system of northing first is known by the code that it bears.
+    """
     code: int | None = crs.to_epsg()
+    if code is None:
+        likely, own = crs.to_epsg(min_confidence=LIKELY), crs.to_json_dict().get("id", {}).get("code")
+        code = likely if likely == own else None
     return code
 
 
@@ -158,9 +166,19 @@ def unit_lengths(system: CoordinateSystem) -> tuple[float, float]:
 def name_units(system: CoordinateSystem) -> dict[str, str]:
     """EPSG's names of the units of results: of geometry and rasters along the ground and upright, which are
     those of the system, and of attributes, which are metres whatever the system is."""
-    known = get_units_map("EPSG", "linear").values()
-    names = [min(known, key=lambda one: abs(one.conv_factor - unit)).name for unit in unit_lengths(system)]
+    names = map(name_of_unit, unit_lengths(system))
     return dict(zip(("geometry", "heights", "attributes"), (*names, "metre"), strict=True))
+
+
+def is_same_unit(one: float, other: float) -> bool:
+    """True if two lengths of a unit (m) are of one unit."""
+    return abs(one - other) <= SAME_UNIT * other
+
+
+def name_of_unit(length: float) -> str:
+    """EPSG's name of the unit of a length (m)."""
+    known = get_units_map("EPSG", "linear").values()
+    return str(min(known, key=lambda one: abs(one.conv_factor - length)).name)
 
 
 def degrees_remedy(longitude: float, latitude: float) -> str:
@@ -183,7 +201,8 @@ def agree(systems: Iterable[tuple[Path, CoordinateSystem]]) -> CoordinateSystem:
     pairs = list(systems)
     chosen_path, chosen = max(pairs, key=lambda pair: (pair[1].wkt is not None, len(pair[1].wkt or "")))
     remedy = (
-        "reproject them to one system, run them apart, or pass the system of all of them as crs= or --crs"
+        "run them apart, pass --to-crs CODE to transform all to one, or, if they are in one, pass that "
+        "as crs= or --crs"
     )
     for path, system in pairs:
         for unit, others in zip(system.unit_m, chosen.unit_m, strict=True):

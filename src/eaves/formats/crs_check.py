@@ -13,7 +13,15 @@ import pyproj
 import pyproj.exceptions
 from pyproj.transformer import TransformerGroup
 
-from eaves.formats.crs import code_of, horizontal_crs, parse_crs, plane_part, pyproj_crs
+from eaves.formats.crs import (
+    code_of,
+    horizontal_crs,
+    is_same_unit,
+    name_of_unit,
+    parse_crs,
+    plane_part,
+    pyproj_crs,
+)
 from eaves.formats.errors import InputError
 from eaves.model import Bounds, CoordinateSystem, Rectangle
 
@@ -40,6 +48,13 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     if own is None:
         return
     stated, given = plane_part(own), plane_part(parse_crs(said))
+    units = [crs.axis_info[0].unit_conversion_factor if crs.axis_info else 1.0 for crs in (stated, given)]
+    if given.is_engineering and not is_same_unit(*units):
+        raise InputError.about(
+            path,
+            f"says it is in {own.name}, in {name_of_unit(units[0])}, --crs says {said}",
+            f"leave --crs out, {FORCE}",
+        )
     if stated.equals(given, ignore_axis_order=True) and same_heights(own, parse_crs(said)):
         return
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
@@ -60,7 +75,11 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
 def same_heights(one: pyproj.CRS, other: pyproj.CRS) -> bool:
     """True if two systems measure heights alike, or one of them does not say how."""
     upright = [crs.sub_crs_list[-1] for crs in (one, other) if crs.is_compound]
-    return len(upright) < 2 or upright[0].equals(upright[1]) or upright[0].name == upright[1].name
+    if len(upright) < 2:
+        return True
+    units = [crs.axis_info[0].unit_conversion_factor for crs in upright]
+    unnamed = any("unknown" in crs.to_wkt() for crs in upright)
+    return is_same_unit(*units) and (unnamed or upright[0].name == upright[1].name)
 
 
 def refuse_numbers(path: Path, system: CoordinateSystem, box: Bounds) -> None:

@@ -182,8 +182,11 @@ class Summary:
 
     def _ending(self) -> str:
         units = describe_units(self.run.get("units", {}))
-        remarks = [f"note: {remark}" for remark in self.remarks]
-        return "\n".join([*self._doubts(), *([units] if units else []), *remarks, self._last_line()])
+        reference, said = self.run.get("reference"), [f"note: {remark}" for remark in self.remarks]
+        if reference:
+            told = "system {system}, plane in {plane}, heights in {heights}".format_map(reference)
+            said.insert(0, told)
+        return "\n".join([*self._doubts(), *([units] if units else []), *said, self._last_line()])
 
     def _doubts(self) -> list[str]:
         """Number of places the scan left undecided, and the file that lists them; empty for none."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pyproj
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import InputError, Source, open_source
 from eaves.formats.crs import agree
@@ -20,6 +21,8 @@ from eaves.formats.crs_check import refuse_conflict, refuse_numbers
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.plausible import likely_systems, why_not_metres
 from eaves.formats.points.source import FIELDS, is_simulated, warn_without_system
+from eaves.formats.statements import describe_reference
+from eaves.formats.transformation import AS_STORED
 from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Mask
 
 log = logging.getLogger("eaves")
@@ -41,6 +44,8 @@ class Index:
     """All paths in UTF-8, one behind the other."""
     system: CoordinateSystem
     crs: str | None
+    to_crs: str
+    """The system to which points are transformed as they are read, or `none`."""
     kept: dict[int, Source]
     """Those that had to be read to be opened (text, wrong_boxes headers), by number."""
 
@@ -83,7 +88,8 @@ class Index:
         InputError
             When it cannot be, or is no longer what the index knows.
         """
-        return self.kept.get(number) or open_unchanged(self.path(number), self.crs, self.count(number))
+        count = self.count(number)
+        return self.kept.get(number) or open_unchanged(self.path(number), self.crs, count, self.to_crs)
 
     def bounds(self, number: int) -> Bounds:
         """The place of one file's points by its header."""
@@ -96,6 +102,21 @@ class Index:
         if not len(boxes):
             return self.bounds(0)
         return Bounds(*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
+
+    @property
+    def reference(self) -> dict[str, str]:
+        """The system of the results and the units of the first file, with who states them."""
+        return describe_reference(self.source(0).own, self.system)
+
+    def area_of_stored(self, bounds: Bounds) -> BaseGeometry | None:
+        """The area (world metres) of bounds in the system that files are transformed from; None where they
+        are not, or no file meets it."""
+        way = self.source(0).transformation if self.to_crs != AS_STORED else None
+        if way is None:
+            return None
+        area = way.area(bounds)
+        known = not area.is_empty and np.isfinite(area.bounds).all()
+        return area if known and self.meeting(Bounds(*area.bounds)).any() else None
 
     def spans_blocks(self, side: float, bounds: Bounds | None = None) -> bool:
         """True if the headers say that points, within the bounds, lie in several blocks of `side` (m)."""
@@ -165,8 +186,11 @@ def index_inputs(
     failed: list[str],
     tell: Callable[[int, int], None] = lambda done, total: None,
     crs_force: bool = False,
+    to_crs: str | None = None,
+    remarks: list[str] | None = None,
 ) -> Index:
-    """The index of all files that can be opened; why others cannot is noted in `failed`.
+    """The index of all files that can be opened; why others cannot is noted in `failed`. The first decides to
+    which system all are transformed, unless `to_crs` does. What is to be said of systems comes to `remarks`.
 
     Raises
     ------
@@ -176,10 +200,11 @@ def index_inputs(
     """
     entries, names, sources = np.zeros(len(paths), ENTRY), bytearray(), {}
     systems: dict[CoordinateSystem, Path] = {}
+    told: list[str] = []
     number, wrong_boxes = 0, []
     for path in paths:
         try:
-            source = open_counted(path, crs)
+            source = open_counted(path, crs, to_crs)
         except InputError as error:
             if len(paths) == 1:
                 raise
@@ -188,6 +213,9 @@ def index_inputs(
             continue
         if not crs_force:
             refuse_system(source, crs)
+        if not number:
+            to_crs = source.target if to_crs is None else to_crs
+            told = source.remarks
         names += str(path).encode("utf-8", "surrogateescape")
         bits = sum(1 << bit for bit, name in enumerate(FIELDS) if name in source.fields)
         bounds = source.bounds
@@ -205,7 +233,9 @@ def index_inputs(
     if not number:
         raise InputError(failed[0])
     system = agree((path, system) for system, path in systems.items())
-    index = Index(entries[:number].copy(), bytes(names), system, crs, sources)
+    index = Index(entries[:number].copy(), bytes(names), system, crs, to_crs or AS_STORED, sources)
+    if remarks is not None:
+        remarks += told
     if system == LOCAL_METRES and crs is None and not crs_force:
         refuse_feet(index)
     warn_without_system(system, index.path(0), number)
@@ -219,7 +249,7 @@ def index_inputs(
     return index
 
 
-def open_unchanged(path: Path, crs: str | None, count: int) -> Source:
+def open_unchanged(path: Path, crs: str | None, count: int, to_crs: str | None = None) -> Source:
     """A file with the number of records that the index knows.
 
     Raises
@@ -227,15 +257,15 @@ def open_unchanged(path: Path, crs: str | None, count: int) -> Source:
     InputError
         When it cannot be opened, or has another.
     """
-    source = open_source(path, crs)
+    source = open_source(path, crs, to_crs)
     if source.count != count:
         raise InputError.about(path, "changed while the run was reading it", "run again")
     return source
 
 
-def open_counted(path: str | Path, crs: str | None) -> Source:
+def open_counted(path: str | Path, crs: str | None, to_crs: str | None = None) -> Source:
     """A file; points that its header does not count are used, with a warning."""
-    source = open_source(path, crs)
+    source = open_source(path, crs, to_crs)
     count = source.layout.stated if isinstance(source.layout, LasHeader) else None
     if count is not None:
         log.warning("%s: the header counts %d points, %d are there and used", path, count, source.count)
@@ -279,11 +309,12 @@ def refuse_system(source: Source, crs: str | None) -> None:
     """
     if source.count == 0:
         return
-    unit, bounds = source.system.horizontal_unit_m, source.bounds
-    box = Bounds(bounds.west / unit, bounds.south / unit, bounds.east / unit, bounds.north / unit)
+    system = source.system
+    if source.transformation is not None:
+        system = CoordinateSystem(source.transformation.source)
     if crs is not None:
-        refuse_conflict(source.path, crs, own_system(source), box)
-    refuse_numbers(source.path, source.system, box)
+        refuse_conflict(source.path, crs, own_system(source), source.stored)
+    refuse_numbers(source.path, system, source.stored)
 
 
 def own_system(source: Source) -> pyproj.CRS | None:
@@ -291,6 +322,6 @@ def own_system(source: Source) -> pyproj.CRS | None:
     if not isinstance(source.layout, LasHeader):
         return None
     try:
-        return source.layout.crs()[0]
+        return source.layout.system().whole
     except InputError:
         return None

@@ -109,6 +109,15 @@ class RunOptions(TypedDict, total=False):
             "Use `crs` even where a file states another system, or its numbers do not fit it.", False, True
         ),
     ]
+    to_crs: Annotated[
+        str | None,
+        Option(
+            "System to which points, and all results, are transformed: a projected EPSG code or a file with "
+            "WKT; `none` keeps that of the files. By default the UTM zone of the first file if its system is "
+            "in degrees or its scale is off by over 1 %, else its own.",
+            again=True,
+        ),
+    ]
     bounds: Annotated[
         Bounds | Sequence[float] | None,
         Option(

@@ -45,6 +45,7 @@ class FileSlice:
     """The id of the input's first point."""
     path: Path
     crs: str | None
+    to_crs: str
     count: int
     box: Bounds
     """Bounding box of the points by the header, world metres."""
@@ -61,7 +62,7 @@ class FileSlice:
 
     def opened(self) -> Source:
         """The input, as the index knows it."""
-        return self.source or open_unchanged(self.path, self.crs, self.count)
+        return self.source or open_unchanged(self.path, self.crs, self.count, self.to_crs)
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,8 @@ def file_slices(index: Index, numbers: Iterable[int] | None = None) -> list[File
     for number in range(len(index)) if numbers is None else map(int, numbers):
         count, source = int(index.entries["count"][number]), index.kept.get(number)
         n = 1 if source is not None and source.kind == "text" else max(1, -(-count // PART_POINTS))
-        shared = (number, int(starts[number]), index.path(number), index.crs, count, index.bounds(number))
+        file = (number, int(starts[number]), index.path(number), index.crs, index.to_crs)
+        shared = (*file, count, index.bounds(number))
         parts += [FileSlice(*shared, k, n, index.mark(number), source) for k in range(n)]
     return parts
 
@@ -109,7 +111,7 @@ def file_slices(index: Index, numbers: Iterable[int] | None = None) -> list[File
 def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> str:
     """The key of all that the points of a part follow from."""
     code = package_sources().digest([__name__])
-    place = (part.mark, part.first, part.k, part.n, part.crs, side, window)
+    place = (part.mark, part.first, part.k, part.n, part.crs, part.to_crs, side, window)
     return key_of(code, store.system, *place, *store.fields)
 
 

@@ -2,7 +2,8 @@
 
 CityGML counts levels by whole numbers: LoD 0 is the footprint, LoD 1 the finest of 1.3 and 1.2, LoD 2 that of
 2.3, 2.2 and 2.0. A level of several solids becomes parts, as in CityJSON, and what stands on a roof is a
-BuildingInstallation with its body at LoD 2. The faces of LoD 2 stand once, as
+BuildingInstallation with its body at LoD 2. Coordinates stand in the order of axes that the authority of the
+named system has, northing first in many. The faces of LoD 2 stand once, as
 RoofSurface, WallSurface, GroundSurface and OuterCeilingSurface; the solid refers to them. Attributes are
 generic ones, those that the standard knows (`roofType`, `measuredHeight`, `storeysAboveGround`) its own.
 """
@@ -22,6 +23,7 @@ import numpy as np
 from shapely import Polygon
 
 from eaves.formats.atomic import atomic
+from eaves.formats.crs import parse_crs, plane_part
 from eaves.formats.models.cityjson import attributes_of, clean, installation_figures, reference_system
 from eaves.geometry.face_table import FaceTable
 from eaves.model import (
@@ -42,6 +44,9 @@ STANDARD = ("roofType", "measuredHeight", "storeysAboveGround")
 """Attributes of the standard's own."""
 LEVELS = {"1": ("1.3", "1.2"), "2": ("2.3", "2.2", "2.0")}
 """CityGML's level → level of detail here, the finest first."""
+
+EAST_NORTH_UP = [0, 1, 2]
+"""The order of axes within this package."""
 
 Result = BuildingModel | Failure
 
@@ -184,6 +189,16 @@ write_citygml3 = partial(write_citygml, version=CITYGML_3)
 """`write_citygml` of version 3.0."""
 
 
+def axes_of(system: CoordinateSystem) -> list[int]:
+    """The axes (of east, north, up) in the order in which a system's authority lists them: a URL as
+    `srsName` says that coordinates follow it (OGC 09-048r5), and readers exchange them where it does not
+    begin with the easting. What WKT of the input says of its axes does not count."""
+    if system.code is None:
+        return EAST_NORTH_UP
+    plane = plane_part(parse_crs(system.code.split("+")[0]))
+    return [1, 0, 2] if plane.axis_info[0].direction == "north" else EAST_NORTH_UP
+
+
 def position_texts(points: Points) -> list[str]:
     """The coordinates of each of the points (N, 3)."""
     row = f"%.{DECIMALS}f %.{DECIMALS}f %.{DECIMALS}f"
@@ -219,6 +234,7 @@ class _GmlBuilding:
         )
         self.identifier = xml_name(footprint.id or name)
         self.origin, self.unit = np.array([*footprint.origin, 0.0]), np.array(system.unit_m)
+        self.axes = axes_of(system)
         self.low, self.high = np.full(3, np.inf), np.full(3, -np.inf)
         self.attributes = clean(attributes_of(result))
         self.polygons = 0
@@ -364,7 +380,7 @@ class _GmlBuilding:
 
     def _faces(self, table: FaceTable) -> Iterator[list[str]]:
         """The coordinates of the rings of each face, in the system's units."""
-        world = (table.corners + self.origin) / self.unit
+        world = ((table.corners + self.origin) / self.unit)[:, self.axes]
         self.low = np.minimum(self.low, world.min(axis=0, initial=np.inf))
         self.high = np.maximum(self.high, world.max(axis=0, initial=-np.inf))
         corners = position_texts(world)

@@ -109,6 +109,8 @@ def write_classified(
             raise ValueError(f"{name} has {len(values)} values, {source.path} has {source.count} points")
     if isinstance(source.layout, LasHeader):
         header, record = _las_header(source.layout, arrays)
+        if source.transformation is not None:
+            place_anew(header, source)
         pieces = las_pieces(source.layout, record, chunk_points, copies)
     else:
         header, pieces = _text_header(source), _text_pieces(source, chunk_points)
@@ -130,6 +132,8 @@ def write_classified(
             for name in records.dtype.names or ():
                 if name in points.array.dtype.names and name not in arrays:
                     points.array[name] = records[name]
+            if source.transformation is not None and isinstance(source.layout, LasHeader):
+                transform_records(points.array, header, source, source.layout)
             _set_classes(points, header, np.asarray(classification[part], np.uint8))
             for name, values in arrays.items():
                 points.array[name] = values[part]
@@ -151,6 +155,34 @@ def name_system(header: laspy.LasHeader, source: Source) -> None:
     if crs is not None and not header.vlrs.get_by_id("LASF_Projection"):
         with suppress(RuntimeError):
             header.add_crs(crs)
+
+
+def place_anew(header: laspy.LasHeader, source: Source) -> None:
+    """Give a header the system to which the points are transformed, and steps of a millimetre in plan."""
+    corner = np.array([source.bounds.west, source.bounds.south]) / source.system.horizontal_unit_m
+    header.scales[:2] = TEXT_SCALE / source.system.horizontal_unit_m
+    header.offsets[:2] = np.floor(corner)
+    header._vlrs = VLRList([vlr for vlr in header.vlrs if vlr.user_id != "LASF_Projection"])
+    if header.evlrs is not None:
+        header.evlrs = VLRList([vlr for vlr in header.evlrs if vlr.user_id != "LASF_Projection"])
+
+
+def transform_records(
+    records: NDArray[np.void], header: laspy.LasHeader, source: Source, layout: LasHeader
+) -> None:
+    """The records of a file with their places in the system and the steps of a header; those without
+    coordinates at its corner, withheld."""
+    stored = np.column_stack([records[axis] for axis in "XYZ"]) * layout.scales + layout.offsets
+    known = has_coordinates(stored)
+    xyz = source.to_metres(stored) / source.system.unit_m
+    known &= has_coordinates(xyz)
+    steps = np.round((np.where(known[:, None], xyz, header.offsets) - header.offsets) / header.scales)
+    steps = np.clip(steps, -(2**31), 2**31 - 1).astype(np.int32)
+    records["X"], records["Y"], records["Z"] = steps.T
+    if header.point_format.id >= FIRST_LAYERED_FORMAT:
+        records["classification_flags"] |= np.where(known, 0, 4).astype(np.uint8)
+    else:
+        records["raw_classification"] |= np.where(known, 0, 128).astype(np.uint8)
 
 
 def _las_header(layout: LasHeader, arrays: Mapping[str, Values]) -> tuple[laspy.LasHeader, np.dtype[np.void]]:
@@ -237,6 +269,9 @@ def _text_pieces(source: Source, size: int) -> Iterator[tuple[int, NDArray[np.vo
         records = np.zeros(len(chunk), header.point_format.dtype())
         # A line without coordinates keeps its place, so that labels fit, and is marked as not to be used.
         usable = has_coordinates(chunk.xyz)
+        if source.transformation is not None:
+            chunk.xyz[...] = source.to_metres(chunk.xyz) / source.system.unit_m
+            usable &= has_coordinates(chunk.xyz)
         steps = np.round(
             (np.where(usable[:, None], chunk.xyz, header.offsets) - header.offsets) / header.scales
         )

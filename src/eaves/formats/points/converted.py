@@ -4,6 +4,7 @@ later step reads."""
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from eaves.formats.atomic import atomic
 from eaves.formats.errors import INSTALL, InputError
 from eaves.formats.points.raster_cells import is_raster, write_cells
 
+REMARKS = ".remarks.json"
+"""Suffix of the file beside a converted raster that holds what is to be said of it."""
 STEP = 0.001
 """Resolution of the coordinates (units of the file)."""
 NAMES = {
@@ -60,6 +63,14 @@ READERS: dict[str, tuple[str, Callable[[Path], Columns]]] = {
 """The extra that brings the library, and the reader, by suffix."""
 
 
+def remarks_on(made: str | Path) -> list[str]:
+    """What was to be said of a raster when it was converted into a file; nothing of other files."""
+    beside = Path(made).with_suffix(REMARKS)
+    if Path(made).suffix != ".laz" or not beside.exists():
+        return []
+    return [str(remark) for remark in json.loads(beside.read_text(encoding="utf-8"))]
+
+
 def is_converted(path: str | Path) -> bool:
     """True if a file is kept as LAZ before it is read, by its suffix."""
     return is_raster(path) or Path(path).suffix.lower() in READERS
@@ -87,8 +98,8 @@ def convert(path: Path, folder: Path, dtm: Path | None = None) -> Path:
         ) from None
     if is_raster(path):
         folder.mkdir(parents=True, exist_ok=True)
-        with atomic(made) as temporary:
-            write_cells(path, temporary, dtm)
+        with atomic(made) as temporary, atomic(made.with_suffix(REMARKS)) as beside:
+            beside.write_text(json.dumps(write_cells(path, temporary, dtm)), encoding="utf-8")
         return made
     extra, reader = READERS[path.suffix.lower()]
     try:

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-import pyproj
-from pyproj.exceptions import CRSError
-
 from eaves.formats.errors import InputError
 from eaves.formats.inputs import LAS_SUFFIXES
 from eaves.formats.points.geokeys import crs_of_geokeys
+from eaves.formats.statements import Stated, joined, stated_by_wkt
 
 SIGNATURE = b"LASF"
 RECORD_LENGTHS = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}
@@ -102,27 +100,21 @@ class LasHeader:
             for low, value, high in zip(self.lowest, self.first, self.highest, strict=True)
         )
 
-    def crs(self) -> tuple[pyproj.CRS | None, float | None]:
-        """The coordinate system and the vertical unit (m), None where the file has none.
+    def system(self) -> Stated:
+        """All that the file says of its coordinate system.
 
         Raises
         ------
         InputError
-            When it has one that cannot be parsed.
+            When it says what cannot be read, or two statements contradict.
         """
-        wkt = self.record("LASF_Projection", WKT_RECORD)
-        text = (wkt or b"").rstrip(b"\0 ").decode("utf-8", "replace")
-        if text:
-            try:
-                return pyproj.CRS.from_wkt(text), None
-            except CRSError:
-                raise InputError.about(
-                    self.path,
-                    "its WKT coordinate system cannot be read",
-                    "pass the right one with crs= or --crs",
-                ) from None
         keys = {number: data for owner, number, data in self.records if owner == "LASF_Projection"}
-        return crs_of_geokeys(keys)
+        text = keys.get(WKT_RECORD, b"").rstrip(b"\0 ").decode("utf-8", "replace")
+        by_keys = Stated(*crs_of_geokeys(keys), "GeoTIFF keys")
+        if not text:
+            return by_keys
+        middle = [(low + high) / 2 for low, high in zip(self.lowest, self.highest, strict=True)]
+        return joined(self.path, stated_by_wkt(self.path, text), by_keys, (middle[0], middle[1]))
 
 
 def read_las_header(path: Path, file: BinaryIO) -> LasHeader | None:

@@ -50,8 +50,9 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
         return
     byte = 20 if header.point_format >= FIRST_LAYERED_FORMAT else 18
     for position, records in iter_records(header, size, part=part):
-        xyz = decode_records(header, position, records).xyz * source.system.unit_m
+        xyz = decode_records(header, position, records).xyz
         use = has_coordinates(xyz)
+        use &= has_coordinates(source.to_metres(xyz))
         number, of, classes, _ = returns_and_class(header.point_format, records[use])
         strip = np.ascontiguousarray(records[use, byte : byte + 2]).view("<u2")[:, 0]
         pulses = records[:, FLOWN[header.point_format]].any() or len(np.unique(strip)) > 1

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+import pyproj
 
-from eaves.formats.crs import LENGTHS, agree, degrees_remedy, parse_crs, system_of
+from eaves.formats.crs import LENGTHS, agree, parse_crs, plane_part, system_of, unbound
 from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
 from eaves.formats.inputs import find_inputs
@@ -21,6 +22,16 @@ from eaves.formats.points.las import WHOLE, iter_las, readable_fields
 from eaves.formats.points.las_header import LasHeader, read_las_header
 from eaves.formats.points.recovery import corrected
 from eaves.formats.points.text import TextLayout, iter_text, read_text_layout
+from eaves.formats.statements import Stated
+from eaves.formats.transformation import (
+    AS_STORED,
+    Transformation,
+    scale_remark,
+    target_of,
+    transformed_remark,
+    with_heights_of,
+    zone_of,
+)
 from eaves.model import (
     LOCAL_METRES,
     Block,
@@ -37,6 +48,9 @@ Corner = tuple[float, float, float]
 FIELDS = ("return_number", "number_of_returns", "classification")
 MISSING = {"return_number": 1, "number_of_returns": 1, "classification": 0}
 """The values of a field in points of files that lack it."""
+
+GIVEN = "--crs"
+"""Who states what a caller gives."""
 
 log = logging.getLogger("eaves")
 
@@ -70,6 +84,12 @@ class Source:
         Layout of the records in the file.
     mark : bytes
         Its fingerprint when it was opened.
+    stored : Bounds
+        Its place in the file's own units.
+    own : Stated
+        The system that the file, or the caller in its place, states.
+    transformation : Transformation or None
+        The way to `system` from another one that the points are stored in.
 
     Examples
     --------
@@ -89,6 +109,35 @@ class Source:
     fields: tuple[str, ...]
     layout: LasHeader | TextLayout = field(repr=False, compare=False)
     mark: bytes = field(default=b"", repr=False, compare=False)
+    stored: Bounds = field(default=Bounds(0.0, 0.0, 0.0, 0.0), repr=False, compare=False)
+    own: Stated = field(default=Stated(), repr=False, compare=False)
+    transformation: Transformation | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def target(self) -> str:
+        """The system to which its points are transformed, as `to_crs` of other files; `none`: their own."""
+        return AS_STORED if self.transformation is None else self.transformation.named
+
+    @property
+    def remarks(self) -> list[str]:
+        """What must be said of its system: that it is transformed, or by how much its scale is off."""
+        if self.own.crs is None or not self.count:
+            return []
+        box = self.stored
+        x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
+        if self.transformation is None:
+            remark = scale_remark(self.path, self.own.crs, x, y)
+            return [] if remark is None else [remark]
+        target = pyproj.CRS.from_wkt(self.transformation.target)
+        return [transformed_remark(self.path, self.own.crs, target, x, y)]
+
+    def to_metres(self, xyz: Points) -> Points:
+        """Stored coordinates (N, 3) as world metres, in place."""
+        if self.transformation is not None:
+            return self.transformation.to_metres(xyz)
+        if self.system.unit_m != (1.0, 1.0, 1.0):
+            xyz *= self.system.unit_m
+        return xyz
 
     @property
     def measured(self) -> bool:
@@ -103,7 +152,7 @@ class Source:
         return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_likely(layout)
 
 
-def open_source(path: str | Path, crs: str | None = None) -> Source:
+def open_source(path: str | Path, crs: str | None = None, to_crs: str | None = None) -> Source:
     """The description of a file, from its header alone (a text file has none: its points are read once).
 
     Parameters
@@ -113,6 +162,10 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
     crs : str or None
         EPSG code, compound code (`28992+5709`), a file with WKT or PROJJSON, or `metres`, `feet` or `us-feet`
         of a local plane; it overrides the file's own.
+    to_crs : str or None
+        The projected system to which points are transformed as they are read; `none` leaves them in theirs;
+        None: the UTM zone of the file's middle if its system is in degrees or its scale there is off by over
+        1 %, else its own.
 
     Returns
     -------
@@ -122,7 +175,8 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
     Raises
     ------
     InputError
-        When the file is missing, empty, cut off, damaged, in degrees, or its header contradicts its points.
+        When the file is missing, empty, cut off, damaged, in degrees that no system goes with, its header
+        contradicts its points, or two statements of its system contradict each other.
 
     Examples
     --------
@@ -138,7 +192,8 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
                 raise InputError.about(path, "is empty (0 bytes)", "copy or download it again")
             header, mark = read_las_header(path, file), fingerprint(file)
             header = header and corrected(header, file)
-        return replace(_open_text(path, crs) if header is None else _open_las(header, crs), mark=mark)
+        opened = _open_text(path, crs, to_crs) if header is None else _open_las(header, crs, to_crs)
+        return replace(opened, mark=mark)
     except OSError as error:
         raise InputError.about(
             path, f"cannot be read ({error.strerror or error})", "check the path and its permissions"
@@ -243,19 +298,21 @@ def iter_chunks(
     10404
     """
     check_fields(source, fields)
-    units = np.array(source.system.unit_m)
-    unit = source.system.horizontal_unit_m
+    unit, transformation = source.system.horizontal_unit_m, source.transformation
     rectangle = None
-    if bounds is not None:
+    if bounds is not None and transformation is not None:
+        rectangle = transformation.stored_box(bounds)
+    elif bounds is not None:
         rectangle = bounds.west / unit, bounds.south / unit, bounds.east / unit, bounds.north / unit
     lost = 0
     for chunk in _native_chunks(source.layout, rectangle, chunk_points, part, copy, fields):
         use = has_coordinates(chunk.xyz)
+        source.to_metres(chunk.xyz)
+        if transformation is not None:
+            use &= has_coordinates(chunk.xyz)
         lost += len(chunk) - int(np.count_nonzero(use))
         if chunk.withheld is not None:
             use &= ~chunk.withheld
-        if (units != 1.0).any():
-            chunk.xyz[...] *= units
         if bounds is not None:
             use &= bounds.contains(chunk.xyz)
         picked = chunk if use.all() else chunk.take(use)
@@ -293,6 +350,7 @@ def read(
     bounds: Bounds | None = None,
     crs: str | None = None,
     fields: Sequence[str] = (),
+    to_crs: str | None = None,
 ) -> PointCloud:
     """The points of one or several files as one cloud.
 
@@ -306,6 +364,8 @@ def read(
         Overrides the system that the files name (see `open_source`).
     fields : sequence of str
         Other fields of the points to read (`PointCloud.fields`): `intensity`, `nir`, …
+    to_crs : str or None
+        The projected system to transform to (see `open_source`); None: as the first file decides.
 
     Returns
     -------
@@ -325,8 +385,12 @@ def read(
     >>> len(eaves.read(files["points"]))
     10404
     """
-    sources = [open_source(path, crs) for path in find_inputs(paths)]
+    files = find_inputs(paths)
+    sources = [open_source(files[0], crs, to_crs)]
+    sources += [open_source(path, crs, sources[0].target) for path in files[1:]]
     system = common_system(sources)
+    for remark in sources[0].remarks:
+        log.warning("%s", remark)
     total = sum(source.count for source in sources)
     try:
         xyz, point_id = np.empty((total, 3)), np.empty(total, np.int64)
@@ -389,7 +453,7 @@ def _native_chunks(
     return iter_las(layout, rectangle, size, part, copy, fields)
 
 
-def _open_las(header: LasHeader, crs: str | None) -> Source:
+def _open_las(header: LasHeader, crs: str | None, to_crs: str | None) -> Source:
     count, low, high = header.count, header.lowest, header.highest
     if not _box_is_likely(header):
         try:
@@ -397,11 +461,12 @@ def _open_las(header: LasHeader, crs: str | None) -> Source:
         except InputError:  # of a damaged file the points before the damage are used, wherever they are
             if not header.extent_is_known:
                 raise
-    system = _declared(_Projection(header.projection, crs, header))
-    if system is None:
-        system = _undeclared(header.path, low, high, min(map(abs, header.scales[:2])))
+    given = _Projection(header.projection, crs, to_crs, header, _middle(low, high))
+    placed = _placed_at(given) if to_crs is None else _placed_alike(given)
+    if placed is None:
+        placed = _undeclared(header.path, low, high, min(map(abs, header.scales[:2])), to_crs)
     kind = "copc" if header.compressed and header.copc is not None else "laz" if header.compressed else "las"
-    return _source(kind, count, low, high, system, FIELDS, header)
+    return _source(kind, count, low, high, placed, FIELDS, header)
 
 
 def _box_is_likely(header: LasHeader) -> bool:
@@ -409,30 +474,66 @@ def _box_is_likely(header: LasHeader) -> bool:
     return not header.count or (header.extent_is_known and header.extent_is_likely)
 
 
+Placed = tuple[Stated, CoordinateSystem, Transformation | None]
+"""What is stated of a file's system, the system of its points as they are read, and the way to it."""
+
+
 @dataclass(frozen=True)
 class _Projection:
-    """The facts that decide a file's system: its projection records, or what the caller gives instead."""
+    """The facts that decide a file's system: its projection records, and what the caller gives."""
 
     records: tuple[tuple[str, int, bytes], ...]
     crs: str | None
+    to_crs: str | None
     header: LasHeader = field(compare=False)
+    middle: tuple[float, float] = field(compare=False)
 
 
-@lru_cache(maxsize=64)  # a million tiles of a country have the same records
-def _declared(given: _Projection) -> CoordinateSystem | None:
-    header = given.header
-    centre = _middle(header.lowest, header.highest)
-    if given.crs:
-        return _named(given.crs, header.path, centre)
-    crs, vertical_unit = header.crs()
-    return None if crs is None else system_of(crs, header.path, centre, vertical_unit)
+def _placed_at(given: _Projection) -> Placed | None:
+    """The system of a file; None where nobody states one."""
+    return _placed(_declared(given), given.header.path, given.middle, given.crs, given.to_crs)
 
 
-def _named(crs: str, path: Path, centre: tuple[float, float]) -> CoordinateSystem:
+_placed_alike = lru_cache(maxsize=64)(_placed_at)
+"""The same where the middle decides nothing: a million tiles of a country have the same records."""
+
+
+@lru_cache(maxsize=64)
+def _declared(given: _Projection) -> Stated:
+    """The system that the caller gives, with the unit of heights that the file states where he gives none;
+    else that of the file."""
+    if given.crs is None:
+        return given.header.system()
+    named = _given(given.crs)
+    if named.upright is not None:
+        return named
+    try:
+        stated = given.header.system()
+    except InputError:  # of what contradicts itself nothing is taken
+        return named
+    return replace(named, height_unit=stated.upright, heights_from=stated.origins[1])
+
+
+def _given(crs: str) -> Stated:
     """The system that a caller names: a local plane in a unit of `LENGTHS`, or a registered one."""
     if crs in LENGTHS:
-        return CoordinateSystem(None, LENGTHS[crs], LENGTHS[crs])
-    return system_of(parse_crs(crs), path, centre)
+        return Stated(None, LENGTHS[crs], GIVEN, GIVEN)
+    return Stated(parse_crs(crs), None, GIVEN)
+
+
+def _placed(
+    own: Stated, path: Path, middle: tuple[float, float], crs: str | None, to_crs: str | None
+) -> Placed | None:
+    if own.crs is None:
+        return None if crs is None else (own, CoordinateSystem(None, LENGTHS[crs], LENGTHS[crs]), None)
+    plane = plane_part(own.crs)
+    target = target_of(plane, path, *middle, to_crs)
+    if target is None:
+        return own, system_of(own.crs, path, middle, own.height_unit), None
+    upright = own.upright or (1.0 if plane.is_geographic else plane.axis_info[0].unit_conversion_factor)
+    system = system_of(with_heights_of(target, unbound(own.crs)), path, middle, upright)
+    way = Transformation(plane.to_wkt(), target.to_wkt(), system.horizontal_unit_m, system.vertical_unit_m)
+    return own, system, way
 
 
 def _middle(low: Corner, high: Corner) -> tuple[float, float]:
@@ -440,11 +541,12 @@ def _middle(low: Corner, high: Corner) -> tuple[float, float]:
     return (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
 
 
-def _open_text(path: Path, crs: str | None) -> Source:
+def _open_text(path: Path, crs: str | None, to_crs: str | None) -> Source:
     layout = read_text_layout(path)
     count, low, high = _measured(layout)
-    system = _named(crs, path, _middle(low, high)) if crs else _undeclared(path, low, high, 1.0)
-    return _source("text", count, low, high, system, () if layout.label is None else FIELDS[2:], layout)
+    placed = None if crs is None else _placed(_given(crs), path, _middle(low, high), crs, to_crs)
+    placed = placed or _undeclared(path, low, high, 1.0, to_crs)
+    return _source("text", count, low, high, placed, () if layout.label is None else FIELDS[2:], layout)
 
 
 def _measured(layout: LasHeader | TextLayout) -> tuple[int, Corner, Corner]:
@@ -469,24 +571,40 @@ def _source(
     count: int,
     low: Corner,
     high: Corner,
-    system: CoordinateSystem,
+    placed: Placed,
     fields: tuple[str, ...],
     layout: LasHeader | TextLayout,
 ) -> Source:
+    own, system, transformation = placed
     unit, _, height = system.unit_m
     bounds = Bounds(low[0] * unit, low[1] * unit, high[0] * unit, high[1] * unit)
     return Source(
-        layout.path, kind, count, bounds, (low[2] * height, high[2] * height), system, fields, layout
+        layout.path,
+        kind,
+        count,
+        bounds if transformation is None else transformation.box(low, high),
+        (low[2] * height, high[2] * height),
+        system,
+        fields,
+        layout,
+        stored=Bounds(low[0], low[1], high[0], high[1]),
+        own=own,
+        transformation=transformation,
     )
 
 
-def _undeclared(path: Path, low: Corner, high: Corner, step: float) -> CoordinateSystem:
+def _undeclared(path: Path, low: Corner, high: Corner, step: float, to_crs: str | None) -> Placed:
     """The system of a file that names none: a local plane in metres; evident degrees are refused."""
     centre = _middle(low, high)
     width, relief = max(high[0] - low[0], high[1] - low[1]), high[2] - low[2]
     fits = max(abs(low[0]), abs(high[0])) <= 180 and max(abs(low[1]), abs(high[1])) <= 90
     if fits and 0 < width < DEGREE_EXTENT and (relief > DEGREE_RELIEF * width or step < DEGREE_SCALE):
+        zone = zone_of(pyproj.CRS.from_epsg(4326), *centre)
         raise InputError.about(
-            path, f"coordinates around {centre[0]:.4f}, {centre[1]:.4f} are degrees", degrees_remedy(*centre)
+            path,
+            f"coordinates around {centre[0]:.4f}, {centre[1]:.4f} are degrees of a system that nobody states",
+            f"pass it with crs= or --crs, for example EPSG:4326; points are transformed to {zone} then",
         )
-    return LOCAL_METRES
+    if to_crs not in (None, AS_STORED):
+        raise InputError.about(path, "has no coordinate system to transform from", "pass it with --crs")
+    return Stated(), LOCAL_METRES, None

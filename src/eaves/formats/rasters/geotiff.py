@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import rasterio
+from numpy.typing import NDArray
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.transform import Affine
 
@@ -205,7 +206,8 @@ class RasterWindow:
         if right > left and low > top:
             window = ((top, low), (left, right))
             try:
-                values = self.image.read(1, window=window, masked=True).astype(np.float32).filled(np.nan)
+                stored = self.image.read(1, window=window, masked=True).astype(np.float64).filled(np.nan)
+                values = scaled(stored, self.image).astype(np.float32)
             except RasterioError:
                 raise _unreadable(self.path) from None
         return Raster(
@@ -216,17 +218,35 @@ class RasterWindow:
         )
 
 
+def scaled(values: NDArray[np.float64], image: Any) -> NDArray[np.float64]:
+    """Stored values of the first band of an open raster by the scale and the offset that the band states."""
+    scale, offset = image.scales[0], image.offsets[0]
+    return values if (scale, offset) == (1.0, 0.0) else values * scale + offset
+
+
+def check_cells(path: str | Path, image: Any) -> None:
+    """Check that the cells of an open raster are square and north-up.
+
+    Raises
+    ------
+    InputError
+        When they are not.
+    """
+    transform = image.transform
+    if transform.b or transform.d or transform.e >= 0 or abs(transform.a + transform.e) > 1e-6 * transform.a:
+        raise InputError.about(
+            path, "has cells that are not square and north-up", "resample it with gdalwarp"
+        )
+
+
 def _unreadable(path: Path) -> InputError:
     return InputError.about(path, "is not a raster that can be read", "give a GeoTIFF")
 
 
 def system_of_raster(path: str | Path, image: Any) -> CoordinateSystem:
     """The system of an open raster of square north-up cells."""
-    transform, bounds = image.transform, image.bounds
-    if transform.b or transform.d or transform.e >= 0 or abs(transform.a + transform.e) > 1e-6 * transform.a:
-        raise InputError.about(
-            path, "has cells that are not square and north-up", "resample it with gdalwarp"
-        )
+    check_cells(path, image)
+    bounds = image.bounds
     if not image.crs:
         return LOCAL_METRES
     from eaves.formats.crs import parse_crs
