@@ -12,8 +12,11 @@ import pytest
 from tests.conftest import write_laz
 from typer.testing import CliRunner
 
+from eaves import Summary
 from eaves.cli.app import make_app
 from eaves.flow.advice import POINT_S, ROOF_POINT_S, START_S, ScanFacts, scan_facts
+from eaves.flow.run import open_run, plan_run
+from eaves.pipeline import build_run, hold_folder
 from eaves.run.index import index_inputs
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
@@ -147,3 +150,27 @@ def test_info_and_dry_run_write_nothing(scan: Path, tmp_path: Path) -> None:
     assert json.loads(told.stdout)["points"] == laspy.read(scan).header.point_count
     dry = runner.invoke(make_app(), ["build", str(scan), "-o", str(out), "--dry-run", "--quiet"])
     assert dry.exit_code == 0 and "split pulses" in dry.stdout and not out.exists()
+
+
+def test_a_remark_is_logged_once_and_ends_the_summary(
+    scan: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    run = plan_run(scan, tmp_path / "out").with_remarks("7 points are doubled", "7 points are doubled")
+    again = run.with_remarks("7 points are doubled")
+    assert again.remarks == ("7 points are doubled",)
+    assert [entry.levelname for entry in caplog.records if "doubled" in entry.message] == ["WARNING"]
+    summary = Summary(
+        tmp_path, 9, 0, 0, {}, {}, {}, {}, 1.0, (), run={"remarks": list(again.remarks)}, points_used=9
+    )
+    assert summary.as_text().splitlines()[-2] == "note: 7 points are doubled"
+
+
+def test_run_json_has_the_remarks_of_a_run__none_of_a_plain_one(scan: Path, tmp_path: Path) -> None:
+    run = open_run(scan, tmp_path / "out", outputs=("footprints",))
+    with hold_folder(run) as workers:
+        assert build_run(run.with_remarks("7 points are doubled"), workers).remarks == (
+            "7 points are doubled",
+        )
+        told = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
+        assert told["remarks"] == ["7 points are doubled"]
+        assert build_run(run, workers).remarks == ()

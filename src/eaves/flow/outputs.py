@@ -332,6 +332,7 @@ def summarise(
     tiles = {"tiles": len(region.visits)} if run.by_tiles else {}
     peak = round(max(region.peak, peak_memory_mb()))
     facts = {**stated_request(run), "crs": run.index.system.code, "peak_memory_mb": peak, **tiles}
+    facts["remarks"] = list(run.remarks)
     remote = {"remote": run.remote} if run.remote else {}
     return Summary(
         folder=run.folder,

@@ -109,6 +109,8 @@ class Run:
     """The counts of each update."""
     failed: tuple[str, ...] = ()
     """Inputs that could not be opened, with the reason."""
+    remarks: tuple[str, ...] = ()
+    """What the user must know of these inputs, a line each with cause and number (`with_remarks`)."""
     translate: tuple[float, ...] | None = None
     """The origin of the models' coordinates, where an earlier run's lines are to stay."""
     carries_edits: bool = False
@@ -120,6 +122,13 @@ class Run:
     def with_options(self, **options: Unpack[RunOptions]) -> Self:
         """The run with some options in place of its own."""
         return replace(self, options={**self.options, **options})
+
+    def with_remarks(self, *remarks: str) -> Self:
+        """The run with more remarks, of which the log, run.json and the summary each say every one once."""
+        fresh = [remark for remark in dict.fromkeys(remarks) if remark not in self.remarks]
+        for remark in fresh:
+            log.warning("%s", remark)
+        return replace(self, remarks=(*self.remarks, *fresh))
 
     @property
     def outputs(self) -> Sequence[str]:

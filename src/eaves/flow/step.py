@@ -232,6 +232,10 @@ class Region:
         """Widen the boxes of inputs to where their points were found."""
         self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
 
+    def remark(self, *remarks: str) -> None:
+        """Say what the user must know of these inputs (`Run.with_remarks`)."""
+        self.run = self.run.with_remarks(*remarks)
+
     def refuse(self, reason: str) -> NoReturn:
         """End the run for its inputs' sake; nothing of it stays."""
         self.store.discard()

@@ -92,6 +92,11 @@ class Summary:
     trust: dict[str, int] = field(default_factory=dict)
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the user must know of these inputs, as run.json says it."""
+        return tuple(self.run.get("remarks", ()))
+
+    @property
     def complete(self) -> bool:
         """True if every block was computed and every file written."""
         return not self.failed
@@ -177,7 +182,8 @@ class Summary:
 
     def _ending(self) -> str:
         units = describe_units(self.run.get("units", {}))
-        return "\n".join([*self._doubts(), *([units] if units else []), self._last_line()])
+        remarks = [f"note: {remark}" for remark in self.remarks]
+        return "\n".join([*self._doubts(), *([units] if units else []), *remarks, self._last_line()])
 
     def _doubts(self) -> list[str]:
         """Number of places the scan left undecided, and the file that lists them; empty for none."""
