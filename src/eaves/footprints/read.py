@@ -136,14 +136,15 @@ def recognise_map(path: Path, source: str | None = None, layer: str | None = Non
 
 
 def polygon_layer(path: Path, layer: str | None) -> str | None:
-    """The layer asked for, else the one of several layers of polygons that is of buildings; None where the
-    file leaves no choice."""
+    """The layer asked for, else the one of several layers of polygons that is of buildings; None where that
+    is the first one, or the file leaves no choice."""
     if layer is not None or not path.exists():
         return layer
     layers = list_vector_layers(path)
     polygons = [one for one in layers if "Polygon" in one.kind or "Surface" in one.kind]
     polygons = polygons or [one for one in layers if one.kind in ("Unknown", "GeometryCollection")]
-    return sole_layer(path, polygons).name if len(polygons) > 1 else None
+    name = sole_layer(path, polygons).name if len(polygons) > 1 else None
+    return None if polygons and name == polygons[0].name else name
 
 
 def sole_layer(path: Path, layers: Sequence[VectorLayer]) -> VectorLayer:
