@@ -202,7 +202,7 @@ def build_run(
 def end_run(run: Run, summary: Summary) -> None:
     """Say that all files of the run are there; a run that writes one file alone leaves no list of them."""
     if run.classified is None:
-        end_manifest(run.folder, summary.files, summary.complete)
+        end_manifest(run.folder, summary.files, summary.complete, incomplete=list(summary.failed))
     else:
         clear_leftovers(summary.files)
 

@@ -6,6 +6,7 @@ import re
 import socket
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -95,6 +96,33 @@ def map_in_degrees(place: Place) -> Done:
     )
     path.with_suffix(".prj").unlink()
     return place.build("--footprints", path)
+
+
+@case("plane GeoJSON of another system, which it does not state")
+def geojson_elsewhere(place: Place) -> Done:
+    square = '{"type": "Polygon", "coordinates": [[[6e5, 5e6], [6.1e5, 5e6], [6.1e5, 5.1e6], [6e5, 5e6]]]}'
+    path = place.folder / "map.geojson"
+    path.write_text(f'{{"type": "Feature", "properties": {{}}, "geometry": {square}}}')
+    return place.build("--footprints", path)
+
+
+@case("map of several layers that may be the buildings")
+def several_layers(place: Place) -> Done:
+    path = place.folder / "map.gpkg"
+    for name in ("a", "b"):
+        rows = shapely.to_wkb(place.grounds)
+        pyogrio.raw.write(
+            path, rows, [], np.array([], object), layer=name, geometry_type="Polygon", crs="EPSG:28992"
+        )
+    return place.build("--footprints", path)
+
+
+@case("points in an archive")
+def archive(place: Place) -> Done:
+    path = place.folder / "tile.zip"
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.write(place.points, "tile.laz")
+    return place.run(path)
 
 
 @case("no point of a class with `--use-classes`")
@@ -197,6 +225,16 @@ def damaged(place: Place) -> Done:
 @case("no point can be used")
 def lone_point(place: Place) -> Done:
     return place.run(place.cloud(np.array([[85000.0, 447000.0, 1.0]])))
+
+
+@case("the page or a format fails")
+def page_fails(place: Place) -> Done:
+    code = (
+        "import eaves.report.build as build\nfrom eaves.cli.app import main\n"
+        "def fail(*words): raise ZeroDivisionError\nbuild.write_page = fail\nmain()"
+    )
+    words = ["build", str(place.points), "-o", str(place.out), "--jobs", "1", *place.more]
+    return subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
 
 
 @case("a building without a model, with `--strict`")

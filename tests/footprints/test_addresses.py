@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from shapely import box
+from shapely import Polygon, box
 
 from eaves.buildings.join import BuildingPlan, OwnedBuildings, with_addresses
 from eaves.footprints.addresses import split_buildings
-from eaves.model import Block, Failure, Footprint, Raster
+from eaves.methods import Emit, ignore
+from eaves.model import Block, Failure, Footprint, Points, Raster, Values
 from eaves.model.results import BuildingPoints
+from eaves.units import Division, UnitMethod
 
 OWNER = Block(0, 0, 240.0)
 
@@ -52,3 +54,24 @@ def test_an_address_whose_inner_point_lies_elsewhere_gives_no_id_twice() -> None
     _, outlines = split_buildings([building_of(10)], [Footprint(box(0, 0, 10, 10))], [address])
     (only,) = outlines
     assert isinstance(only, Footprint) and only.id == "" and only.attributes == {"street": "x"}
+
+
+class Breaks(UnitMethod):
+    """Fails in each block wider than 20 m."""
+
+    name = "breaks"
+
+    def divide(
+        self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
+    ) -> Division:
+        if outline.bounds[2] > 20.0:
+            raise ZeroDivisionError("by nought")
+        return Division((box(0, 0, 8, 10), box(8, 0, 20, 10)), (0.9, 0.9), ((0, 1, 0.9),))
+
+
+def test_a_block_whose_division_fails_is_one_building_of_unsure_walls__the_others_are_divided() -> None:
+    buildings = [building_of(30), building_of(20)]
+    drawn: list[Footprint | Failure] = [Footprint(box(0, 0, 30, 10)), Footprint(box(0, 0, 20, 10))]
+    parts, outlines = split_buildings(buildings, drawn, [], Breaks())
+    assert outlines[0] is drawn[0] and len(outlines) == 3
+    assert [one.wall_certainty for one in parts] == [0.0, 0.9, 0.9]

@@ -13,8 +13,10 @@ import numpy as np
 import pyogrio.raw
 import pytest
 
+import eaves.report.build as report_build
+from eaves.flow import exports
 from eaves.formats import InputError
-from eaves.model.summary import Summary
+from eaves.model.summary import IncompleteRunError, Summary
 from eaves.report import sample
 from eaves.report.build import build
 from eaves.report.contents import read_contents
@@ -24,6 +26,9 @@ from eaves.report.surfaces import SURFACES, UNKNOWN_ERROR
 from eaves.report.view import open_report
 
 from ..conftest import build_in_blocks, write_laz
+
+PIECE = 50_000
+"""Points that LASzip compresses together."""
 
 
 def data_of(page: Path) -> dict:
@@ -133,3 +138,49 @@ def test_a_missing_page_is_made__a_folder_without_a_run_is_refused(nine_run: Sum
     assert "buildings found" in page.read_text(encoding="utf-8")
     with pytest.raises(InputError, match=r"footprints\.gpkg"):
         open_report(tmp_path, show=False)
+
+
+def sorted_ground(path: Path) -> Path:
+    """Two pieces of points of level ground, from west to east."""
+    rng = np.random.default_rng(4)
+    x = np.sort(rng.uniform(0.0, 100.0, PIECE + 5_000))
+    y, z = rng.uniform(0.0, 40.0, len(x)), rng.normal(10.0, 0.02, len(x))
+    write_laz(path, np.column_stack([x + 85000.0, y + 447000.0, z]))
+    return path
+
+
+@pytest.mark.parametrize("sides", [(85000.0, 85020.0), (85095.0, 85100.0)])
+def test_bounds_that_no_point_of_a_piece_lies_in_give_a_page(
+    sides: tuple[float, float], tmp_path: Path
+) -> None:
+    points = sorted_ground(tmp_path / "ground.laz")
+    bounds = (sides[0], 447000.0, sides[1], 447040.0)
+    results = build(points, tmp_path / "out", jobs=1, bounds=bounds)
+    assert results.complete and 0 < results.points_used < PIECE
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_page_or_a_format_that_fails_is_named__the_other_files_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*words: object, **named: object) -> None:
+        raise ZeroDivisionError("by nought")
+
+    monkeypatch.setattr(report_build, "write_page", fail)
+    monkeypatch.setitem(exports.FOOTPRINT_FILES, "kml", (lambda: fail, "footprints.kml"))
+    out = tmp_path / "out"
+    with pytest.raises(IncompleteRunError) as error:
+        build(sorted_ground(tmp_path / "ground.laz"), out, jobs=1, formats=("kml", "fgb"))
+    assert [reason.split(":")[0] for reason in error.value.failed] == ["footprints.kml", "report.html"]
+    assert json.loads((out / "run.json").read_text())["incomplete"] == list(error.value.failed)
+    assert {"footprints.gpkg", "footprints.fgb", "dtm.tif"} <= {path.name for path in out.iterdir()}
+
+
+def test_an_output_that_fails_costs_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*words: object) -> None:
+        raise ZeroDivisionError("by nought")
+
+    monkeypatch.setattr("eaves.flow.rasters.write_surfaces", fail)
+    with pytest.raises(IncompleteRunError, match="rasters: not written"):
+        build(sorted_ground(tmp_path / "ground.laz"), tmp_path / "out", jobs=1)
+    assert (tmp_path / "out" / "footprints.gpkg").exists()

@@ -100,3 +100,84 @@ def test_a_run_that_goes_on_thins_nothing_again(halves: dict[str, Path], tmp_pat
         paths = (out / ".eaves-work" / "thinned").glob("*.part")
         times.append({path.name: path.stat().st_mtime_ns for path in paths})
     assert times[0] == times[1] != {}
+
+
+def copied(records: np.ndarray, count: int, **changes: int) -> np.ndarray:
+    """The first records again, with ids of their own and other values, in canonical order."""
+    again = records[:count].copy()
+    again["point_id"] += len(records)
+    for name, value in changes.items():
+        again[name] = value
+    return again
+
+
+@pytest.mark.parametrize("files", [1, 2])
+def test_a_point_delivered_again_counts_once__in_one_file_and_in_two(files: int) -> None:
+    records = records_of(15.0)
+    parts = [records, copied(records, 5000, classification=6)]
+    if files == 1:
+        joined = np.concatenate(parts)
+        parts = [joined.take(canonical_order(joined["xyz"] * GRID_STEP, joined["return_number"]))]
+    result = find_thinned((Block(0, 0, 60.0), parts), None)
+    kept = result["records"].view(RECORD)
+    assert np.array_equal(kept["xyz"], records["xyz"]) and result["copies"][0] == 5000
+    assert (kept["classification"] == 6).sum() == 5000
+    first, second = result["copies"][1:]
+    assert {int(first), int(second)} & set(range(len(records))) and abs(second - first) == len(records)
+    everyone = np.concatenate(parts)
+    assert np.array_equal(kept["xyz"][result["stands"]], everyone["xyz"])
+
+
+@pytest.mark.parametrize("name", ["return_number", "number_of_returns", "moment"])
+def test_points_of_another_pulse_or_return_are_no_copies(name: str) -> None:
+    records = records_of(15.0)
+    assert not find_thinned((Block(0, 0, 60.0), [records, copied(records, 5000, **{name: 7})]), None)
+
+
+def test_a_scan_that_is_dense_by_its_copies_alone_is_not_thinned() -> None:
+    records = records_of(0.8 * ENOUGH_PER_M2)
+    result = find_thinned((Block(0, 0, 60.0), [records, copied(records, len(records))]), None)
+    assert len(result["records"].view(RECORD)) == len(records)
+
+
+def tiles_of_nine(folder: Path, times: bool = True, buffer: float = 0.0) -> tuple[Path, list[Path]]:
+    """The nine roofs as one file, and as two tiles with a buffer."""
+    scene = nine_roofs_on_a_slope(density=4.0, noise=0.02)
+    xyz = scene.cloud.xyz + [85000.0, 447000.0, 0.0]
+    middle = np.median(xyz[:, 0])
+    paths = []
+    for name, inside in (
+        ("all", np.ones(len(xyz), bool)),
+        ("west", xyz[:, 0] < middle + buffer),
+        ("east", xyz[:, 0] >= middle - buffer),
+    ):
+        header = laspy.LasHeader(point_format=6 if times else 0, version="1.4")
+        header.scales, header.offsets = np.full(3, 0.001), np.array([85000.0, 447000.0, 0.0])
+        las = laspy.LasData(header)
+        las.xyz = xyz[inside]
+        if times:
+            las.gps_time = np.flatnonzero(inside) * 1e-5
+        paths.append(folder / f"{name}.laz")
+        las.write(paths[-1])
+    return paths[0], paths[1:]
+
+
+@pytest.mark.parametrize("times", [True, False])
+def test_tiles_with_a_buffer_give_the_models_of_the_points_alone__and_it_is_said(
+    times: bool, tmp_path: Path
+) -> None:
+    whole, tiles = tiles_of_nine(tmp_path, times, buffer=15.0)
+    plain = build(whole, tmp_path / "plain", outputs=("footprints", "models"))
+    again = build(tiles, tmp_path / "again", outputs=("footprints", "models", "classified"))
+    lines = [
+        (tmp_path / name / "buildings.city.jsonl").read_text().splitlines()[1:] for name in ("plain", "again")
+    ]
+    assert lines[0] == lines[1] and not plain.remarks
+    (remark,) = again.remarks
+    assert remark.startswith(f"{again.points - plain.points:,} of {again.points:,} points are identical")
+    assert "east.laz and west.laz" in remark
+    classes = [
+        np.asarray(laspy.read(tmp_path / "again" / f"classified_{n}.laz").classification)
+        for n in ("west", "east")
+    ]
+    assert all((one > 0).all() for one in classes)

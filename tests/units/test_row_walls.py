@@ -11,7 +11,7 @@ from shapely import box
 from eaves.units import divide_block
 from eaves.units.row_walls.division import MergeRules, RowUnits, merged_units
 from eaves.units.row_walls.evidence import USUAL_NOISE_M, roof_noise
-from eaves.units.row_walls.method import SURE, odds_of_several
+from eaves.units.row_walls.method import LARGE, SURE, chances_of, odds_of_several, sums_kernel
 from eaves.units.row_walls.rows import HouseRow, Plan
 
 HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
@@ -199,3 +199,31 @@ def test_a_small_unit_whose_neighbour_was_given_to_it_goes_where_it_was_given_it
     number, walls = merged_units(plan, label, rows, points, USUAL_NOISE_M, MergeRules())
     assert walls == {}
     assert set(np.unique(number[label > 0])) == {1}
+
+
+def sums_of_a_row(units: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Odds of walls at each quarter metre of a row of 5 m units, odds of widths, prior."""
+    odds = np.full(20 * units + 1, 0.02)
+    odds[::20] = 400.0
+    width = np.maximum(np.arange(len(odds)), 1) / 4.0
+    widths = np.array([np.ones(len(odds)), 0.3 + 4.0 * np.exp(-0.5 * (np.log(width / 5.0) / 0.07) ** 2)])
+    return odds, widths, np.array([np.exp(2.0), 1.0])
+
+
+@pytest.mark.parametrize("units", [12, 100, 300])
+def test_chances_of_walls_are_those_of_short_rows__however_long_a_row_is(units: int) -> None:
+    chance = chances_of(*sums_of_a_row(units))
+    assert np.isfinite(chance).all() and (chance <= 1.0 + 1e-9).all()
+    assert np.allclose(chance[20:-20:20], 1.0, atol=0.01)
+    middle = chances_of(*sums_of_a_row(12))[60:120]
+    assert np.allclose(chance[60:120], middle, atol=1e-6)
+
+
+def test_sums_of_an_ordinary_row_are_not_scaled__those_of_a_long_one_are() -> None:
+    odds, widths, prior = sums_of_a_row(12)
+    forward, backward, before, after = sums_kernel(odds, widths)
+    assert not before.any() and not after.any()
+    plain = prior @ (forward * backward) / float(prior @ forward[:, -1])
+    assert np.array_equal(chances_of(odds, widths, prior)[1:-1], plain[1:-1])
+    forward, _, before, _ = sums_kernel(*sums_of_a_row(300)[:2])
+    assert before[:, -1].min() > 1 and forward.max() <= LARGE

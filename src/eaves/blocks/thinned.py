@@ -1,4 +1,5 @@
-"""The points of a dense scan: one stands for its neighbours where anything is decided; all are classified."""
+"""The points of a dense scan, and points that were delivered several times: one stands for its neighbours or
+its copies where anything is decided; all are classified."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from eaves.geometry.neighbours import thin_kernel
 from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block
 from eaves.model.cloud import PER_METRE, canonical_order
+from eaves.run.partition import IDENTITY
 from eaves.run.points import first_kernel
 from eaves.run.store import join_records
 
@@ -40,8 +42,9 @@ def see_files(
 
 
 def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict[str, NDArray[Any]]:
-    """The points that stand for all of a block, in canonical order, as bytes; and of all its points, file by
-    file, the number (N,) of the one that stands for each. Nothing where they are not dense.
+    """The points that stand for all of a block, in canonical order, as bytes; of all its points, file by
+    file, the number (N,) of the one that stands for each; how many are copies of others, with the ids of one
+    and of its copy. Nothing where they are not dense, and none is a copy.
 
     Cells, fixed to the world, hold the points of all files: how these cut the area changes nothing. Memory
     follows the rows in work and what is kept.
@@ -51,19 +54,37 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict
     for records in files:
         cover_kernel(records["xyz"], round(COVER_CELL / GRID_STEP), cells)
     places = np.empty(sum(map(len, files)), np.uint32)
-    if len(places) <= ENOUGH_PER_M2 * COVER_CELL**2 * cells.sum():
-        return {}
     kept, count = list[Records](), 0
     places_of_files = np.split(places, np.cumsum([len(records) for records in files])[:-1])
     bands = int(np.ceil(block.side / BAND))
     limits = [bands_kernel(records["xyz"], BAND * PER_METRE, bands) for records in files]
-    for band in range(bands):
+
+    def band_of(band: int) -> tuple[list[slice], Records]:
         ranges = [slice(*starts[band : band + 2]) for starts in limits]
-        records = join_records([file[rows] for file, rows in zip(files, ranges, strict=True)])
+        return ranges, join_records([file[rows] for file, rows in zip(files, ranges, strict=True)])
+
+    copies, example = 0, np.zeros(0, np.int64)
+    for band in range(bands):
+        _, records = band_of(band)
+        original = originals_of(records)
+        again = np.flatnonzero(original != np.arange(len(original)))
+        if len(again) and not copies:
+            example = records["point_id"][[original[again[0]], again[0]]]
+        copies += len(again)
+    distinct = len(places) - copies
+    dense = distinct > max(ENOUGH_PER_M2 * COVER_CELL**2 * cells.sum(), FEW_PER_M2 * block.side**2)
+    if not dense and not copies:
+        return {}
+    for band in range(bands):
+        ranges, records = band_of(band)
         if not len(records):
             continue
-        quanta = np.ascontiguousarray(records["xyz"])
-        stands = thin_kernel(quanta, records["return_number"], round(SIDE / GRID_STEP))
+        quanta, stands = np.ascontiguousarray(records["xyz"]), originals_of(records)
+        if dense:
+            own = np.flatnonzero(stands == np.arange(len(stands)))
+            rank = np.searchsorted(own, stands)
+            thinned = thin_kernel(quanta[own], records["return_number"][own], round(SIDE / GRID_STEP))
+            stands = own[thinned][rank]
         chosen = np.flatnonzero(stands == np.arange(len(stands)))
         chosen = chosen[canonical_order(quanta[chosen] * GRID_STEP, records["return_number"][chosen])]
         place = np.empty(len(stands), np.uint32)
@@ -73,7 +94,31 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict
             target[rows] = piece
         kept.append(records.take(chosen))
         count += len(chosen)
-    return {"records": join_records(kept).view(np.uint8), "stands": places}
+    return {
+        "records": join_records(kept).view(np.uint8),
+        "stands": places,
+        "copies": np.array([copies, *example], np.int64),
+    }
+
+
+def originals_of(records: Records) -> NDArray[np.int64]:
+    """Of each of some points (N,) the number of the one that it is a copy of, itself where it is none: of
+    identical ones (`IDENTITY`) the one with the largest class, for a copy may be classified, then the least
+    id."""
+    numbers = np.arange(len(records))
+    order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
+    quanta = records["xyz"][order]
+    tied = np.flatnonzero((quanta[1:] == quanta[:-1]).all(axis=1))
+    if not len(tied):
+        return numbers
+    rows = order[np.union1d(tied, tied + 1)]
+    columns = [*records["xyz"][rows].T, *(records[name][rows] for name in IDENTITY)]
+    by = np.lexsort((records["point_id"][rows], -records["classification"][rows].astype(int), *columns))
+    starts = np.ones(len(rows), bool)
+    starts[1:] = np.any([column[by][1:] != column[by][:-1] for column in columns], axis=0)
+    first = np.maximum.accumulate(np.where(starts, np.arange(len(rows)), 0))
+    numbers[rows[by]] = rows[by][first]
+    return numbers
 
 
 @kernel

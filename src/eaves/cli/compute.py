@@ -24,7 +24,7 @@ from eaves.cli.runs import finish, run_build, show_facts, show_plan
 if TYPE_CHECKING:
     from eaves.run.options import RunOptions
 
-NO_MAP = ("footprints", "id_field", "footprint_source", "snap_footprints", "party_walls")
+NO_MAP = ("footprints", "layer", "id_field", "footprint_source", "snap_footprints", "party_walls")
 SETTLED = ("classified", "outputs", "formats", "source", "keep", "per_tile", "steps")
 
 

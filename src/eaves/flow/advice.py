@@ -339,12 +339,24 @@ def _strip_offset(sample: Sample) -> float | None:
     return round(float(compared.max()), 3) if len(compared) else None
 
 
+def _without_gaps(place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cells (N, 2) with one empty column or row in place of all that have no cell between two others: pieces
+    and the holes in them are the same, and tiles far apart take no memory for what lies between."""
+    columns = []
+    for axis in (0, 1):
+        used, number = np.unique(place[:, axis], return_inverse=True)
+        columns.append(np.cumsum(np.minimum(np.diff(used, prepend=used[:1]), 2))[number.ravel()])
+    return np.column_stack(columns)
+
+
 def _cover(xyz: Points) -> tuple[float, float, int, float]:
     """The area with points (m²), the share of voids within it, its separate pieces, and the area (m²) that a
     place in them lies in (median over places)."""
     low = xyz[:, :2].min(axis=0)
-    side = max(VOID_SPACINGS * float(np.prod(xyz[:, :2].max(axis=0) - low) / len(xyz)) ** 0.5, 1.0)
-    place = np.floor((xyz[:, :2] - low) / side).astype(np.int64)
+    # of surveys in pieces the box says nothing of the spacing: the cells that have points do
+    area = min(float(np.prod(xyz[:, :2].max(axis=0) - low)), _cells(xyz, CELL)[1] * CELL**2)
+    side = max(VOID_SPACINGS * (area / len(xyz)) ** 0.5, 1.0)
+    place = _without_gaps(np.floor((xyz[:, :2] - low) / side).astype(np.int64))
     occupied = np.zeros(place.max(axis=0) + 1, bool)
     occupied[place[:, 0], place[:, 1]] = True
     filled = ndimage.binary_fill_holes(occupied)

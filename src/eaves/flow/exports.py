@@ -5,8 +5,10 @@ Each writer is fetched when it is asked for: most runs want none of them.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -17,6 +19,7 @@ from shapely import LineString
 
 from eaves import formats
 from eaves.formats import InputError, read_polygons
+from eaves.formats.atomic import is_full
 from eaves.formats.errors import EXTRAS, require_extra
 from eaves.formats.inputs import is_classified
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
@@ -27,6 +30,7 @@ from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
 from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest, set_aside, work_of_persons
 
+log = logging.getLogger("eaves")
 Writer = Callable[..., object]
 
 
@@ -230,6 +234,22 @@ def write_contours(folder: Path, interval: float) -> Path:
     return folder / "contours.gpkg"
 
 
+@contextmanager
+def noted_failure(
+    name: str, failed: list[str] | None, raised: tuple[type[Exception], ...] = (InputError,)
+) -> Iterator[None]:
+    """Note in `failed` that a file could not be written, so that the others of a run are. Without such a list
+    its error is raised, as are those that are to end a run: `raised` (an input changed), a full disk, no
+    memory."""
+    try:
+        yield
+    except Exception as error:
+        if failed is None or isinstance(error, (MemoryError, *raised)) or is_full(error):
+            raise
+        failed.append(f"{name}: not written ({type(error).__name__}: {error})")
+        log.error("%s", failed[-1], exc_info=log.isEnabledFor(logging.DEBUG))
+
+
 def export_footprints(
     folder: Path,
     rows: Iterable[Row],
@@ -237,11 +257,12 @@ def export_footprints(
     system: CoordinateSystem,
     names: Sequence[str],
     provenance: Provenance,
+    failed: list[str] | None = None,
 ) -> list[Path]:
     """Write the footprints, and the roof planes, in the formats named; the files written."""
     tables = ((FOOTPRINT_FILES, rows), (ROOF_FILES, roofs))
     files = (
-        export_table(folder, table, partial(in_order, layer), system, names, provenance)
+        export_table(folder, table, partial(in_order, layer), system, names, provenance, failed)
         for table, layer in tables
     )
     return list(chain.from_iterable(files))
@@ -254,26 +275,38 @@ def export_table(
     system: CoordinateSystem,
     names: Sequence[str],
     provenance: Provenance,
+    failed: list[str] | None = None,
 ) -> list[Path]:
     """Write a content, made anew for each, in those formats of a table that are named; the files written, for
     3D Tiles the tileset."""
     written = []
     for name, (writer, file) in table.items():
-        if name in names:
+        if name not in names:
+            continue
+        with noted_failure(file, failed):
             writer()(folder / file, content(), system, provenance=provenance)
             written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
             written += [folder / "buildings.mtl"] if name == "obj" else []
     return written
 
 
-def export_points(files: Iterable[Path], system: CoordinateSystem | None, names: Sequence[str]) -> list[Path]:
+def export_points(
+    files: Iterable[Path],
+    system: CoordinateSystem | None,
+    names: Sequence[str],
+    failed: list[str] | None = None,
+) -> list[Path]:
     """Write each of the classified points as COPC, where that is named; the files written."""
     if COPC not in names:
         return []
     from eaves.formats.points.copc_writer import write_copc
 
-    pairs = ((path, path.with_suffix(".copc.laz")) for path in files)
-    return [copy for path, copy in pairs if write_copc(path, copy, system)]
+    written = []
+    for path in files:
+        copy = path.with_suffix(".copc.laz")
+        with noted_failure(copy.name, failed):
+            written += [copy] if write_copc(path, copy, system) else []
+    return written
 
 
 def in_order(rows: Iterable[Row]) -> list[Row]:

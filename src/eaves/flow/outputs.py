@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -19,7 +19,7 @@ from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
 from eaves.figures.party_walls import PARTY_GAP, Walls, envelope_figures, wall_figures
 from eaves.figures.trust import judge
-from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table
+from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
 from eaves.flow.feet import feet_remark
 from eaves.flow.review import (
     LAYER,
@@ -136,42 +136,50 @@ def with_decimals(value: Any) -> Any:
     return [with_decimals(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def write_output(
-    step: str, results: RunResults, sink: PointSink | None
-) -> tuple[list[Path], PointSink | None]:
-    """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
+class Written(NamedTuple):
+    """What came of an output: its files, the sink with what it received, and the formats that failed."""
+
+    files: list[Path]
+    sink: PointSink | None = None
+    failed: Sequence[str] = ()
+
+
+def write_output(step: str, results: RunResults, sink: PointSink | None) -> Written:
+    """Write what one name of `EVERYTHING` stands for. A format that fails costs no other file."""
     # imports are late where libraries come with them that other outputs do without
     run, buildings, owners = results.run, results.kept, results.owners
     folder, system, made_from = run.folder, run.index.system, run.provenance
+    formats, failed = run.options["formats"], list[str]()
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(buildings, owners, results.shared)
         roofs, review = BuildingRows(buildings, owners, faces=True), review_rows(buildings.rows(owners))
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
         files.append(write_review(folder / REVIEW, review, system))
-        return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
+        files += export_footprints(folder, rows, roofs, system, formats, made_from, failed)
+        return Written(files, None, failed)
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
         outcomes = results.answers()
         write_cityjson_seq(files[0], outcomes, system, provenance=made_from, translate=run.translate)
-        formats = run.options["formats"]
-        return files + export_table(folder, MODEL_FILES, results.answers, system, formats, made_from), None
+        files += export_table(folder, MODEL_FILES, results.answers, system, formats, made_from, failed)
+        return Written(files, None, failed)
     if step == "mask":
         from eaves.flow.rasters import write_run_mask
 
         polygons = [row.polygon for row in buildings.rows(owners)]
-        return write_run_mask(run, list(results.regions), polygons, results.extent), None
+        return Written(write_run_mask(run, list(results.regions), polygons, results.extent))
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
 
-        return write_surfaces(run, results.regions, results.extent), None
+        return Written(write_surfaces(run, results.regions, results.extent))
     if step == "steps":
         from eaves.flow.intermediates import write_steps
 
-        return write_steps(run, list(results.regions), results.see), None
+        return Written(write_steps(run, list(results.regions), results.see))
     from eaves.flow.classified_points import write_points
 
     files = write_points(run, buildings, results.regions, owners, sink, results.copies)
-    return files + export_points(files, system, run.options["formats"]), sink
+    return Written(files + export_points(files, system, formats, failed), sink, failed)
 
 
 def write_outputs(
@@ -217,27 +225,28 @@ def write_outputs(
     work = partial(write_output, results=results, sink=sink)
     clock.lap("summary")
 
-    def finish(step: str, files: list[Path]) -> None:
-        written[step] = files
-        note(run, files)
+    def finish(step: str, answer: Written) -> None:
+        written[step] = answer.files
+        region.failed += answer.failed
+        note(run, answer.files)
         progress("write", len(written), len(steps))
 
     for outcome in workers.run(work, order) if workers.started else ():
         region.peak = max(region.peak, outcome.peak_mb)
         region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
         if outcome.answer is not None:
-            files, filled = outcome.answer
-            if sink is not None and filled is not None:
-                sink.take_from(filled)
-            finish(order[outcome.index], files)
+            if sink is not None and outcome.answer.sink is not None:
+                sink.take_from(outcome.answer.sink)
+            finish(order[outcome.index], outcome.answer)
     clock.skip()
     for step in steps:
         if step not in written:  # what failed in another process is tried here, where its error can be raised
-            finish(step, write_output(step, results, sink)[0])
+            with noted_failure(step, region.failed):
+                finish(step, write_output(step, results, sink))
             clock.lap(f"write {step}")
 
-    files = [path for step in steps for path in written[step]]
-    if "footprints" in steps:
+    files = [path for step in steps for path in written.get(step, ())]
+    if "footprints" in written:
         files.append(write_map(run.folder, files, store.system))
     clock.lap("summary")
     for name, spent in clock.laps.items():

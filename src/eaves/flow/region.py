@@ -192,10 +192,54 @@ def replace_points(region: Region) -> None:
 
 
 def thin_points(region: Region) -> None:
-    """Let one point stand for its neighbours where a scan is dense."""
+    """Let one point stand for its neighbours where a scan is dense, and for its copies."""
     store, side, squares = region.store, region.run.side, squares_to_read(region)
     blocks = [block for block in store.blocks(side) if squares is None or block in squares]
-    choose_points(region, THINNED, [b for b in blocks if store.count_points(b) > FEW_PER_M2 * side**2])
+    units = [
+        block
+        for block in blocks
+        if store.count_points(block) > FEW_PER_M2 * side**2 or may_hold_copies(region, block)
+    ]
+    choose_points(region, THINNED, units)
+    for block in units:
+        part = store.thinned(block)
+        copies = part["copies"].tolist() if part else [0]
+        if copies[0]:
+            region.copies[block] = tuple(copies)
+
+
+def may_hold_copies(region: Region, block: Block) -> bool:
+    """True if a part of an input has identical points in a block, several parts of one input have points
+    there, or the boxes of several inputs overlap in it: points of others cannot be at one place."""
+    names = [path.stem for _, path in region.store.scan_files(block)]
+    if any(block.name in region.parts[name].repeated for name in names if name in region.parts):
+        return True
+    numbers = [int(name.split("-")[0]) for name in names]
+    if len(set(numbers)) < len(numbers) or not region.wrong_boxes.keys().isdisjoint(numbers):
+        return True
+    west, south, east, north = region.run.index.entries["box"][numbers].T
+    limits = block.bounds
+    width = np.minimum.outer(east, east).clip(max=limits.east) - np.maximum.outer(west, west).clip(
+        limits.west
+    )
+    height = np.minimum.outer(north, north).clip(max=limits.north) - np.maximum.outer(south, south).clip(
+        limits.south
+    )
+    return bool(np.triu((width > 0) & (height > 0), 1).any())
+
+
+def remark_on_copies(region: Region) -> None:
+    """Say how many points are copies of others, and of which inputs the first ones are."""
+    if not region.copies:
+        return
+    index, count = region.run.index, sum(copies[0] for copies in region.copies.values())
+    ids = region.copies[min(region.copies)][1:]
+    numbers = np.searchsorted(index.starts, ids, side="right") - 1
+    files = " and ".join(dict.fromkeys(index.path(int(number)).name for number in numbers))
+    region.remark(
+        f"{count:,} of {region.points:,} points are identical to others (the first: in {files}) and count "
+        "once: a file given twice, tiles with a buffer, or a strip copied"
+    )
 
 
 def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:
@@ -241,6 +285,7 @@ def check_blocks(region: Region) -> None:
             len(region.isolated),
         )
     warn_of_wrong_boxes(region)
+    remark_on_copies(region)
     if region.shown:
         return
     if run.index.points and not region.isolated and run.window == Window():

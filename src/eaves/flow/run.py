@@ -31,7 +31,16 @@ from eaves.flow.refusals import (
     refuse_unknown_code,
     warn_of_memory,
 )
-from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map, shift_of
+from eaves.footprints.read import (
+    Map,
+    area_of,
+    in_metres,
+    read_area,
+    read_footprints,
+    recognise_map,
+    shift_of,
+    without_doubled,
+)
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
@@ -285,9 +294,13 @@ def plan_run(
     lost: list[Failure] = []
     map_: Map | None = None
     if (path := polygons.get("footprints") or polygons.get("party_walls")) is not None:
-        map_ = recognise_map(path, options["footprint_source"])
+        map_ = recognise_map(path, options["footprint_source"], options["layer"])
         area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
-        known, lost = read_footprints(path, options["id_field"], index.system, area, map_, may_miss)
+        layer = options["layer"]
+        known, lost = read_footprints(path, options["id_field"], index.system, area, map_, may_miss, layer)
+    doubled: list[Failure] = []
+    if "footprints" in polygons:
+        known, doubled = without_doubled(known)
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
@@ -310,7 +323,7 @@ def plan_run(
         inputs=tuple(os.path.realpath(path) for path in paths),
         side=BLOCK_SIDE,
         given=known if given else None,
-        lost=tuple(lost) if given else (),
+        lost=(*lost, *doubled) if given else (),
         addresses=() if given else known,
         failed=tuple(failed),
         carries_edits=carries_edits and not options["overwrite"],
@@ -323,6 +336,13 @@ def plan_run(
     refuse_small_memory(run)
     if recipe.use_classes and not may_miss:
         refuse_no_classes(run)
+    if doubled:
+        first = doubled[0]
+        assert first.footprint is not None
+        run = run.with_remarks(
+            f"{polygons['footprints'].name}: {len(doubled):,} footprints lie by half or more in others and "
+            f"are not modelled, the first: '{first.footprint.id}', {first.reason}"
+        )
     return run
 
 

@@ -195,6 +195,8 @@ class Region:
     """Block, by its name → the key of its points."""
     brought: dict[str, set[Any]] = field(default_factory=dict)
     """Step, by its name → the units whose results are there."""
+    copies: dict[Block, tuple[int, ...]] = field(default_factory=dict)
+    """Blocks with identical points: how many are copies, and the ids of one and of its copy."""
     visits: dict[Block | None, Visit] = field(default_factory=dict)
     """Tile → what was found of it; None → of a run in one piece."""
     unfinished: frozenset[Block] = frozenset()

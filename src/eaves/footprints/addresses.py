@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
-from shapely import GEOSException, LineString, Polygon
+from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.methods import ContractError
 from eaves.model import Failure, Footprint, Integers
+from eaves.model.checks import error_line
 from eaves.model.results import BuildingPoints
 from eaves.outline.toolkit.shared_edges import welded_outlines
 from eaves.units import UnitMethod, divide_block
@@ -33,29 +36,49 @@ def split_buildings(
     The part with the inner point of an address carries its id; all parts carry its attributes, and what no
     address covers is a building of its own. A block that no address lies in is divided along the party walls
     that `units` finds in its points. The points of the block go to the part they lie in or next to.
+
+    A block whose division raises stays one building, with walls of no certainty: it must not take the others
+    with it.
     """
     pieces: list[BuildingPoints] = []
     outlines: Drawn = []
     for building, footprint in zip(buildings, footprints, strict=True):
-        parts: list[Footprint] = []
-        certainty: Sequence[float | None] = ()
-        if not isinstance(footprint, Failure) and building.given is None:
-            parts = parts_of(building, footprint, addresses)
-            certainty = [None] * len(parts)
-            if not parts and units is not None:
-                parts, certainty = units_of(building, footprint, units)
-        if not parts:
-            pieces.append(building)
-            outlines.append(footprint)
-            continue
-        assert isinstance(footprint, Footprint)
-        owner = nearest_part(building, [part.polygon for part in parts])
-        for k, part in enumerate(parts):
-            inside = owner == k
-            pieces.append(building.take(inside, block=footprint, wall_certainty=certainty[k]))
-            reason = "no point of the block lies in this address"
-            outlines.append(part if inside.any() else Failure("no_points", reason, "outline", part))
+        whole = [(building, footprint)]
+        try:
+            divided = list(divided_block(building, footprint, addresses, units))
+        except ContractError:
+            raise
+        except Exception as error:
+            log.warning("a block could not be divided and stays one building: %s", error_line(error))
+            log.debug("traceback", exc_info=True)
+            divided, whole = [], [(replace(building, wall_certainty=0.0), footprint)]
+        for piece, outline in divided or whole:
+            pieces.append(piece)
+            outlines.append(outline)
     return pieces, outlines
+
+
+def divided_block(
+    building: BuildingPoints,
+    footprint: Footprint | Failure,
+    addresses: Sequence[Footprint],
+    units: UnitMethod | None,
+) -> Iterator[tuple[BuildingPoints, Footprint | Failure]]:
+    """The addresses or units of a detected block with their points; none where it stays whole."""
+    if isinstance(footprint, Failure) or building.given is not None:
+        return
+    parts = parts_of(building, footprint, addresses)
+    certainty: Sequence[float | None] = [None] * len(parts)
+    if not parts and units is not None:
+        parts, certainty = units_of(building, footprint, units)
+    if not parts:
+        return
+    owner = nearest_part(building, [part.polygon for part in parts])
+    for k, part in enumerate(parts):
+        inside = owner == k
+        reason = "no point of the block lies in this address"
+        outline = part if inside.any() else Failure("no_points", reason, "outline", part)
+        yield building.take(inside, block=footprint, wall_certainty=certainty[k]), outline
 
 
 def units_of(
@@ -64,11 +87,7 @@ def units_of(
     """The units the points of a block show, and how sure their walls are; none where it stays whole."""
     points = building.roof_points
     height = points[:, 2] - building.terrain.at(points)
-    try:
-        division = divide_block(points, height, footprint.polygon, building.spacing, method)
-    except GEOSException as error:
-        log.warning("a block could not be divided into units and stays one building: %s", error)
-        return [], ()
+    division = divide_block(points, height, footprint.polygon, building.spacing, method)
     if len(division.parts) < 2:
         return [], ()
     parts = [Footprint(part, origin=footprint.origin, score=building.score) for part in division.parts]
@@ -80,11 +99,7 @@ def parts_of(
 ) -> list[Footprint]:
     """The parts of one block, those with an address first; none where no address lies in it."""
     touching = [address for address in addresses if address.polygon.intersects(footprint.polygon)]
-    try:
-        shares, unclaimed = split_block(footprint.polygon, touching)
-    except GEOSException as error:
-        log.warning("a block could not be split into its addresses and stays one building: %s", error)
-        return []
+    shares, unclaimed = split_block(footprint.polygon, touching)
     parts = []
     for address, part in zip(touching, shares, strict=True):
         if part is not None:

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from eaves.formats.vectors.polygons import text_of
+
 Attributes = Mapping[str, Any]
 ATTRIBUTION = "attribution"
 """Attribute of every footprint of a known map: whose work it is, under which licence."""
@@ -289,15 +291,6 @@ class Reader:
             if entry not in (None, ""):
                 added[name] = entry
         return {**row, **{name: value for name, value in added.items() if name not in self.columns}}
-
-
-def text_of(value: Any) -> str:
-    """A value as text: whole numbers without point, nothing for what is missing."""
-    if value is None:
-        return ""
-    if isinstance(value, float) and value.is_integer():
-        value = int(value)
-    return str(value).strip()
 
 
 def number_of(text: str) -> int | float | None:

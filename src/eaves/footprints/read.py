@@ -16,19 +16,31 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of, text_of
+from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.transformation import datum_remark
-from eaves.formats.vectors.polygons import list_vector_layers, read_table
+from eaves.formats.vectors.polygons import (
+    DEGREES,
+    list_vector_layers,
+    placing_remedy,
+    read_table,
+    text_of,
+)
 from eaves.formats.vectors.vector_files import VectorLayer
+from eaves.geometry.overlaps import half_shared
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 
 log = logging.getLogger("eaves")
-DEGREES = np.array([180.0, 90.0, 180.0, 90.0])
-"""The largest longitude and latitude."""
+BUILDING_WORDS = re.compile(
+    "buil[dt]|bldg|footprint|structure|house|gebouw|pand|geb(ä|ae|a)ud|h(ä|ae)user|bauwerk|b(a|â)ti|immeuble|"
+    "edif|constru|fabbric|bud[oy][vwn]|byg[gn]|rakennu|[eé]p[uü]let|cl[aă]dir|zgrad|stavb|bina|hoone|здан|будів|"
+    "сград|建物|建筑|κτ[ιί]ρ",
+    re.IGNORECASE,
+)
+"""How names of layers begin words for buildings, in the languages of public maps."""
 
 
 def in_metres(bounds: Bounds | None, system: CoordinateSystem) -> Bounds | None:
@@ -95,8 +107,8 @@ class Map:
         }
 
 
-def recognise_map(path: Path, source: str | None = None) -> Map | None:
-    """The layer of a file that has a known layout, the first that does; None where none has.
+def recognise_map(path: Path, source: str | None = None, layer: str | None = None) -> Map | None:
+    """The layer of a file that has a known layout; None where none has.
 
     Parameters
     ----------
@@ -104,11 +116,14 @@ def recognise_map(path: Path, source: str | None = None) -> Map | None:
         The vector file.
     source : str or None
         Name of the layout it must have, or `none` to look for no layout.
+    layer : str or None
+        The one layer that is looked at.
 
     Raises
     ------
     InputError
-        When the name is unknown, or the file has no layer of this layout.
+        When the name is unknown, the file has no layer of this layout, or several and none alone is named as
+        buildings are.
     """
     if source is not None and source not in SOURCE_NAMES:
         choices = ", ".join(SOURCE_NAMES)
@@ -116,17 +131,51 @@ def recognise_map(path: Path, source: str | None = None) -> Map | None:
     if source == NO_SOURCE or not path.exists():
         return None
     layers = list_vector_layers(path)
-    for layer in layers:
-        layout = layout_of(layer.columns) if "Point" not in layer.kind and layer.kind else None
-        if layout is not None and source in (None, layout.name):
-            address_layers = [
-                table.name for table in layers if layout.name == "bag" and address_columns(table.columns)
-            ]
-            return Map(layout, layer, next(iter(address_layers), None))
+    shapes = [one for one in layers if one.kind and "Point" not in one.kind and layer in (None, one.name)]
+    known = [one for one in shapes if (layout := layout_of(one.columns)) and source in (None, layout.name)]
+    if known:
+        chosen = sole_layer(path, known)
+        layout = layout_of(chosen.columns)
+        assert layout is not None
+        address_layers = [
+            table.name for table in layers if layout.name == "bag" and address_columns(table.columns)
+        ]
+        return Map(layout, chosen, next(iter(address_layers), None))
     if source is not None:
         rule = f"has no layer with the columns of {source}"
         raise InputError.about(path, rule, "leave --footprint-source out, or give `none`")
     return None
+
+
+def polygon_layer(path: Path, layer: str | None) -> str | None:
+    """The layer asked for, else the one of several layers of polygons that is of buildings; None where that
+    is the first one, or the file leaves no choice."""
+    if layer is not None or not path.exists():
+        return layer
+    layers = list_vector_layers(path)
+    polygons = [one for one in layers if "Polygon" in one.kind or "Surface" in one.kind]
+    polygons = polygons or [one for one in layers if one.kind in ("Unknown", "GeometryCollection")]
+    name = sole_layer(path, polygons).name if len(polygons) > 1 else None
+    return None if polygons and name == polygons[0].name else name
+
+
+def sole_layer(path: Path, layers: Sequence[VectorLayer]) -> VectorLayer:
+    """The only one of some layers with features, or the only one of these whose name is that of buildings.
+
+    Raises
+    ------
+    InputError
+        When there are several, with all names.
+    """
+    filled = [one for one in layers if one.count] or list(layers)
+    named = [one for one in filled if BUILDING_WORDS.search(one.name)] if len(filled) > 1 else filled
+    if len(named) != 1:
+        names = ", ".join(f"'{one.name}'" for one in named or filled)
+        rule = f"has {len(named or filled)} layers of polygons that may be the buildings: {names}"
+        raise InputError.about(path, rule, "choose one with --layer NAME")
+    if len(layers) > 1:
+        log.info("%s: layer '%s' of %d is read; --layer names another", path, named[0].name, len(layers))
+    return named[0]
 
 
 def read_footprints(
@@ -136,20 +185,23 @@ def read_footprints(
     area: BaseGeometry,
     source: Map | None = None,
     may_miss: bool = True,
+    layer: str | None = None,
 ) -> tuple[list[Footprint], list[Failure]]:
     """The footprints of a file, repaired and clipped to `area`, and a failure, with what is known of the
     footprint, for each that cannot be used: none is lost.
 
-    Of a map whose layout is `source`, which may be that of a country, only what meets the area is read.
+    Of a map whose layout is `source`, which may be that of a country, only what meets the area is read, of
+    another one the `layer`, or the one that is of buildings.
 
     Raises
     ------
     InputError
         When `id_field` leaves a footprint without an id, or gives two the same, or no polygon meets the area
-        and none `may_miss` it.
+        and none `may_miss` it, or several layers may be the buildings.
     """
     if source is None:
-        shapes, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system, keep_all=True)
+        layer = polygon_layer(path, layer)
+        shapes, ids, attributes, _ = read_polygons(path, layer, id_field, system, keep_all=True)
         if id_field is None:
             ids = found_ids(path, ids, attributes)
     else:
@@ -191,19 +243,15 @@ def refuse_apart(
     boxes = boxes[~np.isnan(boxes).any(axis=1)]
     if shapely.intersects(shapely.box(*boxes.T), area.envelope).any():
         return
-    degrees = len(boxes) and (np.abs(boxes) <= DEGREES * system.horizontal_unit_m).all()
-    if degrees and all(layer.crs is None for layer in list_vector_layers(path)):
-        raise InputError.about(
-            path,
-            "has no coordinate system, and its numbers look like degrees",
-            "give it one: a .prj beside it, or ogr2ogr -a_srs EPSG:4326",
-        )
+    unplaced = bool(len(boxes)) and all(layer.crs is None for layer in list_vector_layers(path))
+    if unplaced and (np.abs(boxes) <= DEGREES * system.horizontal_unit_m).all():
+        rule = "has no coordinate system, and its numbers look like degrees"
+        raise InputError.about(path, rule, placing_remedy(path, "EPSG:4326"))
     place = f"they lie within {box_text(boxes, system)}" if len(boxes) else "none is near them"
-    raise InputError.about(
-        path,
-        f"no polygon meets the points: {place}, the points within {box_text([area.bounds], system)}",
-        "check its coordinate system, give another map, or add --allow-empty",
-    )
+    rule = f"no polygon meets the points: {place}, the points within {box_text([area.bounds], system)}"
+    if unplaced:
+        raise InputError.about(path, f"has no coordinate system, and {rule}", placing_remedy(path))
+    raise InputError.about(path, rule, "check its coordinate system, give another map, or add --allow-empty")
 
 
 def box_text(boxes: ArrayLike, system: CoordinateSystem) -> str:
@@ -229,7 +277,7 @@ def read_map(
     touching = shapely.intersects(area, shapely.make_valid(np.array(shapes, dtype=object)))
     current = [n for n in np.flatnonzero(touching) if reader.is_current_building(rows[n])]
     name = id_field or next((field for field in source.layout.id_fields if field in reader.columns), None)
-    ids = [str(rows[n][id_field]) if id_field else reader.id_of(rows[n]) for n in current]
+    ids = [text_of(rows[n][id_field]) if id_field else reader.id_of(rows[n]) for n in current]
     ids = [identifier or numbers[n] for n, identifier in zip(current, ids, strict=True)]
     addresses = addresses_of(path, source.addresses, set(ids), source.layout.id_width or 0)
     attributes = [
@@ -256,6 +304,37 @@ def without_absent(footprints: list[Footprint], source: Map) -> tuple[list[Footp
         message = f"nothing stands there, says {source.layout.title}: {reason}"
         absent.append(Failure("not_standing", message, "outline", footprint))
     return standing, absent
+
+
+DOUBLED = "doubled"
+"""Code of the failure of a given footprint of which half or more lies in another one."""
+
+
+def without_doubled(footprints: Sequence[Footprint]) -> tuple[list[Footprint], list[Failure]]:
+    """The footprints that stand on ground of their own, in their order, and a failure for each that shares
+    half of itself or more with a larger one of these, or with an earlier one as large: a building that a map
+    holds twice is modelled once."""
+    polygons = [footprint.polygon for footprint in footprints]
+    beside: dict[int, list[int]] = {}
+    for _, number, other in half_shared(polygons, polygons):
+        if number != other:
+            beside.setdefault(number, []).append(other)
+    rank = sorted(beside, key=lambda number: (-round(polygons[number].area, 3), number))
+    over: dict[int, int] = {}
+    for place, number in enumerate(rank):
+        larger = [other for other in beside[number] if other in rank[:place] and other not in over]
+        if larger:
+            over[number] = min(larger, key=rank.index)
+    failures = [
+        Failure(
+            DOUBLED,
+            f"half of it or more lies in the footprint '{footprints[k].id}'",
+            "outline",
+            footprints[n],
+        )
+        for n, k in sorted(over.items())
+    ]
+    return [footprint for n, footprint in enumerate(footprints) if n not in over], failures
 
 
 ADDRESS_COLUMNS: tuple[tuple[str, ...], ...] = (
@@ -335,7 +414,7 @@ def refuse_ids(path: Path, id_field: str, ids: Sequence[object]) -> None:
     empty = sum(value is None or str(value).strip() == "" for value in ids)
     if empty:
         raise InputError.about(path, f"{empty} of {len(ids)} footprints have no '{id_field}'", remedy)
-    often = [name for name, count in Counter(map(str, ids)).items() if count > 1]
+    often = [name for name, count in Counter(map(text_of, ids)).items() if count > 1]
     if often:
         rule = f"{len(often)} values of '{id_field}' occur more than once (the first: '{often[0]}')"
         raise InputError.about(path, rule, remedy)

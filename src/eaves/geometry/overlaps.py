@@ -21,9 +21,13 @@ def half_shared(ones: Sequence[BaseGeometry], others: Sequence[BaseGeometry]) ->
     first, second = np.array([*ones], object), np.array([*others], object)
     if not len(first) or not len(second):
         return []
-    j, i = shapely.STRtree(first).query(second, predicate="intersects")
-    shared = shapely.area(shapely.intersection(first[i], second[j]))
+    j, i = shapely.STRtree(first).query(second)
     least = np.minimum(shapely.area(first)[i], shapely.area(second)[j])
+    low, high = np.split(np.stack([shapely.bounds(first)[i], shapely.bounds(second)[j]]), 2, axis=2)
+    boxes = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0), axis=1)
+    near = boxes >= HALF * least  # neighbours that touch are many, and to cut them takes long
+    i, j, least = i[near], j[near], least[near]
+    shared = shapely.area(shapely.intersection(first[i], second[j]))
     large = (shared > 0) & (shared >= HALF * least)
     return list(zip(shared[large].tolist(), i[large].tolist(), j[large].tolist(), strict=True))
 

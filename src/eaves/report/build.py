@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
+from eaves.flow.exports import noted_failure
 from eaves.flow.run import Progress, Run, no_progress, open_run
 from eaves.pipeline import build_run, end_run, hold_folder, no_correction
 from eaves.recipe.recipe import Recipe
@@ -85,8 +86,11 @@ def build(
         summary = build_run(run, workers, progress, sample, correct)
         if shown and not run.by_tiles:
             clock, before = Clock(), time.perf_counter()
-            page = write_page(read_contents(summary.folder, received=sample), summary.as_text())
-            summary = replace(summary, files=(*summary.files, page))
+            failed: list[str] = []
+            with noted_failure("report.html", failed, raised=()):
+                page = write_page(read_contents(summary.folder, received=sample), summary.as_text())
+                summary = replace(summary, files=(*summary.files, page))
+            summary = replace(summary, failed=(*summary.failed, *failed))
             clock.lap("report")
             summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
         if carried is not None:

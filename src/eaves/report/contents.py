@@ -35,6 +35,8 @@ FARTHEST = 2_000_000.0
 """Points farther (m) from the scene are left out: what whole millimetres in four bytes can hold."""
 TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
+MOST_CELLS = 1e9
+"""Of a list of files around more cells, most of them empty, one cell is looked at for each that is drawn."""
 ROOFS_AT_ONCE = 400
 """Number of roof faces that points are compared with at a time, which takes some 20 MB."""
 EDGE = 0.01
@@ -254,13 +256,15 @@ def read_terrain(
             cell = max(part.width, part.height) / TERRAIN_CELLS
             cell = max(cell, image.transform.a * unit)
             shape = max(1, round(part.height / cell)), max(1, round(part.width / cell))
+            cells = part.width * part.height / (image.transform.a * unit) ** 2
+            few = cells <= MOST_CELLS or bool(image.overviews(1))
             sides = (side / unit for side in (part.west, part.south, part.east, part.north))
             heights = image.read(
                 1,
                 window=from_bounds(*sides, transform=image.transform),
                 out_shape=shape,
                 masked=True,
-                resampling=Resampling.average,
+                resampling=Resampling.average if few else Resampling.nearest,
             )
     values = heights.astype(np.float32).filled(np.nan) * np.float32(system.vertical_unit_m)
     return np.asarray(values, np.float32), part

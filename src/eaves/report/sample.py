@@ -240,7 +240,7 @@ def _decoded(
     xyz = np.stack([records[axis] for axis in "XYZ"], axis=1) * np.array(layout.scales)
     xyz += np.array(layout.offsets)
     _, _, classes, withheld = returns_and_class(
-        layout.point_format, records.view(np.uint8).reshape(len(records), -1)
+        layout.point_format, records.view(np.uint8).reshape(len(records), records.itemsize)
     )
     extra = (_extra(records, name) for name in EXTRA)
     usable = has_coordinates(xyz) & ~withheld

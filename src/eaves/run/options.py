@@ -158,6 +158,15 @@ class RunOptions(TypedDict, total=False):
             panel="input",
         ),
     ]
+    layer: Annotated[
+        str | None,
+        Option(
+            "Layer of the footprints or party walls in a file of several; by default the only one of "
+            "polygons, or the one whose name or columns are those of buildings.",
+            again=True,
+            recorded=True,
+        ),
+    ]
     id_field: Annotated[
         str | None,
         Option(
@@ -337,7 +346,7 @@ def check_options(given: RunOptions) -> RunOptions:
             f"{options['party_walls']}: party walls split blocks that are detected, and footprints are "
             "given; leave one of --footprints and --party-walls out"
         )
-    for name in ("id_field", "footprint_source", "snap_footprints"):
+    for name in ("layer", "id_field", "footprint_source", "snap_footprints"):
         if options[name] and not (options["footprints"] or options["party_walls"]):
             raise InputError(f"{DECLARED[name].flag}: no map is given; add --footprints, or leave it out")
     return options

@@ -20,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from eaves.formats import Chunk, InputError, Source, iter_chunks
 from eaves.formats.atomic import atomic
 from eaves.formats.fingerprint import refuse_change
+from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block, Bounds, Points
 from eaves.model.cloud import canonical_order
 from eaves.run.index import Index, open_unchanged
@@ -76,6 +77,8 @@ class PartMark:
     """Why not all were."""
     blocks: Mapping[str, Sequence[int]]
     """Bytes and checksum of its file in each block, by the block's name."""
+    repeated: Sequence[str] = ()
+    """Names of the blocks in which points of it are identical."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,7 @@ def partition_slice(
         raise
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = extent is not None and inside.union(extent) != inside
-    mark = PartMark(key, read, unread, written)
+    mark = PartMark(key, read, unread, written, writer.repeated)
     with atomic(store.part_path(part.name)) as temporary:
         temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
     return mark, extent if lies else None
@@ -226,7 +229,8 @@ def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, write
     for axis, place in enumerate(places):
         records["xyz"][:, axis] = place
     records["point_id"] = inside.position + first
-    for name, missing in (("return_number", 1), ("number_of_returns", 1), ("classification", 0)):
+    defaults = {"return_number": 1, "number_of_returns": 1, "classification": 0, "moment": 0}
+    for name, missing in defaults.items():
         values = getattr(inside, name)
         records[name] = missing if values is None else values
     for number, values in enumerate(inside.fields.values()):
@@ -249,6 +253,8 @@ class SliceWriter:
         self._hidden = f".{name}-{uuid.uuid4().hex}"
         self._blocks: set[str] = set()
         self._copy: BinaryIO | None = None
+        self.repeated: list[str] = []
+        """Names of the blocks in which points are identical."""
 
     @property
     def record(self) -> np.dtype[np.void]:
@@ -286,7 +292,10 @@ class SliceWriter:
             path = self._store.folder / "points" / block / self._hidden
             records = np.fromfile(path, self.record)
             order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
-            data = records.take(order).view(np.uint8).data
+            records = records.take(order)
+            if has_repeated_kernel(records["xyz"], *(records[name] for name in IDENTITY)):
+                self.repeated.append(block)
+            data = records.view(np.uint8).data
             with path.open("rb+") as file:
                 file.write(data)
             written[block] = len(data), crc32(data)
@@ -301,6 +310,32 @@ class SliceWriter:
             os.unlink(self._copy.name)
         for block in self._blocks:
             (self._store.folder / "points" / block / self._hidden).unlink(missing_ok=True)
+
+
+IDENTITY = ("return_number", "number_of_returns", "moment")
+"""Points at one place (to the tenth of a millimetre) that agree in these are the same point, delivered again:
+two returns of a pulse have other numbers, two pulses have other times. Files without times state none."""
+
+
+@kernel
+def has_repeated_kernel(
+    quanta: NDArray[np.int32],
+    number: NDArray[np.uint8],
+    count: NDArray[np.uint8],
+    moment: NDArray[np.uint16],
+) -> bool:
+    """True if two of the points (N, 3), in canonical order, that follow on each other are identical."""
+    for i in range(1, len(quanta)):
+        if (
+            quanta[i, 0] == quanta[i - 1, 0]
+            and quanta[i, 1] == quanta[i - 1, 1]
+            and quanta[i, 2] == quanta[i - 1, 2]
+            and number[i] == number[i - 1]
+            and count[i] == count[i - 1]
+            and moment[i] == moment[i - 1]
+        ):
+            return True
+    return False
 
 
 TOO_FEW = 10

@@ -22,7 +22,7 @@ log = logging.getLogger("eaves")
 
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 10
+FORM = 11
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -31,10 +31,11 @@ RECORD = np.dtype(
         ("return_number", "u1"),
         ("number_of_returns", "u1"),
         ("classification", "u1"),
+        ("moment", "<u2"),
     ]
 )
-"""A point between reading and the block pass: coordinates in quanta about its block's corner. Where methods
-need other fields of the points, `fields` (K,) holds them."""
+"""A point between reading and the block pass: coordinates in quanta about its block's corner, and a digest of
+the time of its pulse. Where methods need other fields of the points, `fields` (K,) holds them."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 

@@ -29,6 +29,8 @@ class Chunk:
         The dimensions of these names, where the file has them.
     withheld : ndarray (N,) of bool or None
         Points that the file flags as withheld.
+    moment : ndarray (N,) of uint16 or None
+        Digest of the time of each pulse, where the file has times: points of one time have the same.
     fields : mapping of str to ndarray (N,) of float64
         The other fields that were asked for.
 
@@ -46,6 +48,7 @@ class Chunk:
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
     withheld: Mask | None = None
+    moment: NDArray[np.uint16] | None = None
     fields: Mapping[str, Values] = field(default_factory=dict)
 
     def __len__(self) -> int:

@@ -49,6 +49,8 @@ SCAN_ANGLES = {"scan_angle_rank": 1.0, "scan_angle": 0.006}
 EVERYTHING = lazrs.SELECTIVE_DECOMPRESS_ALL
 WHOLE = (0, 1)
 """The one part of a file that is not shared."""
+TIMELESS, TIME_PLACE = (0, 2), (20, 22)
+"""Point formats without times; the byte at which times begin in formats 1 to 5, and in those from 6 on."""
 FIRST_LAYERED_FORMAT = 6
 """From this point format on, classes have a byte of their own (LAS 1.4, tables 7 and 16)."""
 
@@ -63,7 +65,7 @@ def iter_las(
 ) -> Iterator[Chunk]:
     """Chunks of about `size` points; with a rectangle (west, south, east, north), of COPC only the nodes
     it meets. `copy` receives the records, whole; `fields` are read as well."""
-    selection = reduce(or_, (LAYERS_OF.get(name, EXTRA) for name in fields), NEEDED)
+    selection = reduce(or_, (LAYERS_OF.get(name, EXTRA) for name in ("gps_time", *fields)), NEEDED)
     known = readable_fields(header) if fields else {}
     for position, records in iter_records(header, size, rectangle, EVERYTHING if copy else selection, part):
         if copy is not None:
@@ -176,7 +178,18 @@ def decode_records(header: LasHeader, position: Integers, records: NDArray[np.ui
         for axis in range(3):
             np.multiply(stored[axis], header.scales[axis], out=xyz[:, axis])
             xyz[:, axis] += header.offsets[axis]
-    return Chunk(xyz, position, *returns_and_class(header.point_format, records))
+    moment = moments_of(header.point_format, records)
+    return Chunk(xyz, position, *returns_and_class(header.point_format, records), moment)
+
+
+def moments_of(point_format: int, records: NDArray[np.uint8]) -> NDArray[np.uint16] | None:
+    """Digests (N,) of the times in LAS records (N, record length); None for a format without."""
+    if point_format in TIMELESS:
+        return None
+    place = TIME_PLACE[point_format >= FIRST_LAYERED_FORMAT]
+    bits = np.ndarray(len(records), "<u8", records, place, (records.shape[1],))
+    folded = bits ^ bits >> np.uint64(32)
+    return np.asarray(folded ^ folded >> np.uint64(16)).astype(np.uint16)
 
 
 def returns_and_class(

@@ -170,7 +170,8 @@ def read_by_laszip(header: LasHeader, size: int) -> Iterator[tuple[Integers, NDA
     try:
         with laspy.open(header.path, laz_backend=laspy.LazBackend.Laszip) as reader:
             for points in reader.chunk_iterator(size):
-                records = np.frombuffer(points.array.tobytes(), np.uint8).reshape(len(points), -1)
+                record = points.array.dtype.itemsize
+                records = np.frombuffer(points.array.tobytes(), np.uint8).reshape(len(points), record)
                 yield np.arange(first, first + len(records)), records
                 first += len(records)
     except (LaspyException, RuntimeError, ValueError, OSError):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from shlex import quote
 from typing import TextIO
 
 import numpy as np
@@ -32,6 +33,10 @@ class TextLayout:
     skip: int
 
 
+UNPACK = {b"PK\x03\x04": "unzip -j {} -d tiles", b"\x1f\x8b": "gunzip -k {}"}
+"""Archives by their first bytes, and the command that unpacks one."""
+
+
 def read_text_layout(path: Path) -> TextLayout:
     """The layout, from the first line of numbers and the line of names before it.
 
@@ -40,6 +45,14 @@ def read_text_layout(path: Path) -> TextLayout:
     InputError
         When there is no line of at least three numbers.
     """
+    with path.open("rb") as packed:
+        head = packed.read(4)
+    for mark, command in UNPACK.items():
+        if head.startswith(mark):
+            command = "tar -xzf {}" if ".tar" in path.suffixes or path.suffix == ".tgz" else command
+            raise InputError.about(
+                path, "is an archive", f"unpack it and give the files: {command.format(quote(str(path)))}"
+            )
     names: list[str] = []
     try:
         with path.open(encoding="utf-8-sig") as file:

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,17 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats.crs import describe_system, horizontal_crs, parse_crs, system_of
+from eaves.formats.crs import horizontal_crs, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.points.chunk import FARTHEST
 from eaves.formats.vectors.geopackage import Row, plain_value
-from eaves.formats.vectors.vector_files import OFFLINE, REMEDY, VectorLayer, checked_vector
+from eaves.formats.vectors.vector_files import OFFLINE, REMEDY, VectorLayer, checked_vector, has_word
 from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Integers, Rectangle
 
 log = logging.getLogger("eaves")
 
+DEGREES = np.array([180.0, 90.0, 180.0, 90.0])
+"""The largest longitude and latitude."""
 BOX_MARGIN = 0.001
 """Share of its side by which a box reprojected through points on its rim is widened: it bends between."""
 
@@ -110,7 +113,9 @@ def read_polygons(
     if layer == "footprints":
         details = read_details(path)
         attributes = [row | details.get(row.get("id"), {}) for row in attributes]
-    ids = [str(row[id_field] if id_field else number[n]) for n, row in zip(placed, attributes, strict=True)]
+    ids = [
+        text_of(row[id_field] if id_field else number[n]) for n, row in zip(placed, attributes, strict=True)
+    ]
     return polygons, ids, attributes, system
 
 
@@ -154,9 +159,9 @@ def list_vector_layers(path: Path) -> list[VectorLayer]:
     with _opened_vector(path) as (safe, _):
         for name, kind in pyogrio.list_layers(safe):
             info = pyogrio.read_info(safe, layer=name, force_feature_count=True)
-            columns = tuple(map(str, info["fields"]))
+            columns, count = tuple(map(str, info["fields"])), int(info["features"])
             layers.append(
-                VectorLayer(str(name), str(kind or ""), columns, int(info["features"]), info["crs"])
+                VectorLayer(str(name), str(kind or ""), columns, count, stated_crs(path, safe, info))
             )
     return layers
 
@@ -179,6 +184,15 @@ def read_table(path: Path, layer: str, columns: Sequence[str] | None) -> list[di
         fields = None if columns is None else list(columns)
         meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=fields, read_geometry=False)
     return plain_rows(meta, values, range(len(values[0]) if len(values) else 0))
+
+
+def text_of(value: Any) -> str:
+    """A value as text: whole numbers without point, nothing for what is missing."""
+    if value is None:
+        return ""
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return str(value).strip()
 
 
 def plain_rows(meta: Mapping[str, Any], columns: Sequence[Any], which: Iterable[int]) -> list[dict[str, Any]]:
@@ -213,8 +227,10 @@ def _read_layer(
         info = pyogrio.read_info(safe, layer=layer, force_feature_count=False)
         if info["driver"] not in (driver, f"{driver}Seq"):
             raise refusal
-        box = _box_in(info["crs"], path, within, target)
+        crs = stated_crs(path, safe, info)
+        box = _box_in(crs, path, within, target)
         meta, fids, wkb, columns = pyogrio.raw.read(safe, layer=layer, bbox=box, return_fids=box is not None)
+        meta["crs"] = crs
     if wkb is None:
         raise InputError.about(path, f"layer '{layer}' has no geometry", "choose a layer of polygons")
     if any(len(column) != len(wkb) for column in columns):
@@ -224,6 +240,17 @@ def _read_layer(
     order = np.argsort(fids)  # a spatial index answers in an order of its own
     number = np.asarray(fids[order] + (driver != "GPKG"), np.int64)
     return meta, number, wkb[order], [column[order] for column in columns]
+
+
+def stated_crs(path: Path, safe: Path, info: Mapping[str, Any]) -> str | None:
+    """The reference system that a layer states, which pyogrio describes as `info`. GDAL takes GeoJSON without
+    one for degrees; where its numbers are none, it states nothing."""
+    import pyogrio
+
+    if not str(info["driver"]).startswith("GeoJSON") or has_word(path, b'"crs"'):
+        return info["crs"]  # type: ignore[no-any-return]
+    bounds = pyogrio.read_info(safe, layer=info["layer_name"], force_total_bounds=True)["total_bounds"]
+    return None if bounds is not None and (np.abs(bounds) > DEGREES).any() else info["crs"]
 
 
 @contextmanager
@@ -284,6 +311,12 @@ def _chosen_layer(path: Path, safe: Path, layer: str | None) -> str | None:
     return layer or next(iter(polygonal or names), None)
 
 
+def placing_remedy(path: Path, code: str = "EPSG:CODE") -> str:
+    """What gives a map its system, by its code."""
+    copy, file = quote(f"{path.stem}_placed{path.suffix}"), quote(str(path))
+    return f"give it its own with GDAL: ogr2ogr -a_srs {code} {copy} {file}"
+
+
 def _is_placed(shape: BaseGeometry | None) -> bool:
     """True if there is a shape, not an empty one, and all its coordinates are within `FARTHEST`."""
     if shape is None or shape.is_empty:
@@ -296,6 +329,8 @@ def _shapes_in_metres(
 ) -> tuple[list[Polygon | MultiPolygon], CoordinateSystem]:
     source = parse_crs(crs, path) if crs else None
     target_crs = horizontal_crs(target) if target is not None else None
+    if source is None and target is not None:
+        log.info("%s: states no reference system, and is taken to be in that of the points", path)
     if source is not None and target_crs is not None:
         from pyproj import Transformer
 
@@ -303,11 +338,10 @@ def _shapes_in_metres(
             move = Transformer.from_crs(source, target_crs, always_xy=True).transform
             shapes = shapely.transform(shapes, lambda xy: np.column_stack(move(xy[:, 0], xy[:, 1])))
             if not np.isfinite(shapely.get_coordinates(shapes)).all():
-                assert target is not None
                 raise InputError.about(
                     path,
-                    f"cannot be reprojected to {describe_system(target)}",
-                    "reproject it, for example with ogr2ogr",
+                    f"states {source.name}, and its numbers cannot be of that system",
+                    placing_remedy(path),
                 )
     system = target
     if system is None:

@@ -24,7 +24,12 @@ KNOWN = {
     b"SQLite format 3\0": "GPKG",
 }
 """Driver by the first bytes; GeoJSON begins with an object."""
-REMEDY = "give a shapefile (.shp), GeoPackage, GeoJSON or FlatGeobuf"
+REMEDY = (
+    "give a shapefile (.shp), GeoPackage, GeoJSON or FlatGeobuf; unzip an archive, and convert other formats "
+    "with ogr2ogr: ogr2ogr map.gpkg FILE"
+)
+OWN_TABLES = ("rtree", "fts", "virtualspatialindex", "virtualelementary", "virtualknn")
+"""Modules of virtual tables that read no other file; the last ones are SpatiaLite's."""
 GEOJSON_TYPES = (
     *("FeatureCollection", "Feature", "Polygon", "MultiPolygon", "GeometryCollection"),
     *("Point", "MultiPoint", "LineString", "MultiLineString"),
@@ -70,14 +75,14 @@ def checked_vector(path: Path) -> Iterator[tuple[Path, str]]:
         head = file.read(512)
     driver = next((name for mark, name in KNOWN.items() if head.startswith(mark)), None)
     if driver == "GPKG":
-        refuse_virtual_tables(path)
+        driver = driver_of_database(path)
     if driver is not None:
         yield path, driver
         return
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     if not text.startswith((b"{", b"\x1e")):
         raise InputError.about(path, "is not a vector file that can be read", REMEDY)
-    if not leads_elsewhere(path):
+    if not has_word(path, LEADING):
         yield path, "GeoJSON"
         return
     with tempfile.TemporaryDirectory() as folder:
@@ -86,10 +91,10 @@ def checked_vector(path: Path) -> Iterator[tuple[Path, str]]:
         yield copy, "GeoJSON"
 
 
-def leads_elsewhere(path: Path) -> bool:
-    """True if a JSON file has words by which GDAL could take it for more than GeoJSON."""
+def has_word(path: Path, word: bytes | re.Pattern[bytes]) -> bool:
+    """True if a JSON file has a word somewhere."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
-        return LEADING.search(text) is not None
+        return re.search(word, text) is not None
 
 
 def plain_geojson(path: Path) -> dict[str, object]:
@@ -104,21 +109,28 @@ def plain_geojson(path: Path) -> dict[str, object]:
     return {key: document[key] for key in members if key in document}
 
 
-def refuse_virtual_tables(path: Path) -> None:
-    """Refuse a database with a table made by a module that could read other files."""
+def driver_of_database(path: Path) -> str:
+    """The driver of an SQLite database: a GeoPackage, or one as SpatiaLite and GDAL make them.
+
+    Raises
+    ------
+    InputError
+        When it has a table made by a module that could read other files.
+    """
     try:
         connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         try:
-            rows = connection.execute(
-                "SELECT sql FROM sqlite_master WHERE sql LIKE '%virtual%' AND type = 'table'"
-            ).fetchall()
+            tables = dict(
+                connection.execute("SELECT lower(name), sql FROM sqlite_master WHERE type = 'table'")
+            )
         finally:
             connection.close()
     except sqlite3.DatabaseError:
         raise InputError.about(path, "is not a vector file that can be read", REMEDY) from None
-    for (text,) in rows:
+    for text in tables.values():
         statement = re.match(
-            r"\s*CREATE\s+VIRTUAL\s+TABLE\s.*?\sUSING\s+(\w+)", text, re.IGNORECASE | re.DOTALL
+            r"\s*CREATE\s+VIRTUAL\s+TABLE\s.*?\sUSING\s+(\w+)", text or "", re.IGNORECASE | re.DOTALL
         )
-        if statement is not None and not statement[1].lower().startswith(("rtree", "fts")):
+        if statement is not None and not statement[1].lower().startswith(OWN_TABLES):
             raise InputError.about(path, f"has a table that reads other files ({statement[1]})", REMEDY)
+    return "SQLite" if "geometry_columns" in tables and "gpkg_contents" not in tables else "GPKG"

@@ -236,6 +236,10 @@ def traits_of_block(rows: Sequence[RowUnits], odds: Sequence[Values], points: in
 NEAR = 2
 """Steps within which walls of two divisions agree."""
 
+LARGE = 2.0**400
+"""Sums over this are divided by it: by a power of two, so that no digit changes, and small enough that the
+product of two of them is a number."""
+
 LEAST = float(np.finfo(np.float64).tiny)
 """Sum where no division is possible, so that shares are finite."""
 
@@ -245,10 +249,13 @@ def chances_of(odds: Values, width_odds: Values, prior: Values) -> Values:
 
     `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds`
     (U, S + 1), of which one row holds for all units, each row as likely as its `prior` (U,): forward-backward
-    sums over all divisions [rabiner1989].
+    sums over all divisions [rabiner1989], § V-A: of long rows they are beyond all numbers, and are scaled.
     """
-    forward, backward = sums_kernel(odds, width_odds)
-    chance = prior @ (forward * backward) / max(float(prior @ forward[:, -1]), LEAST)
+    forward, backward, scale_before, scale_after = sums_kernel(odds, width_odds)
+    last = scale_before[:, -1]
+    scale = LARGE ** (scale_before + scale_after - last.max()).astype(np.float64)
+    total = prior @ (forward[:, -1] * LARGE ** (last - last.max()).astype(np.float64))
+    chance = prior @ (forward * backward * scale) / max(float(total), LEAST)
     chance[[0, -1]] = 0.0
     return np.asarray(chance)
 
@@ -275,20 +282,34 @@ def likely_walls(chance: Values, least: float) -> tuple[Integers, Values]:
 
 
 @kernel
-def sums_kernel(odds: Values, width_odds: Values) -> tuple[Values, Values]:
+def sums_kernel(odds: Values, width_odds: Values) -> tuple[Values, Values, Integers, Integers]:
     """For each row of widths (U, S + 1) and each step the sum over all divisions up to it with a wall there,
-    and that over all after it, its own odds left out; the first and the last step are walls of odds 1.
+    and that over all after it, its own odds left out; the first and the last step are walls of odds 1. Then
+    how often each was divided by `LARGE`.
     """
     rows, count = width_odds.shape
     forward, backward = np.zeros((rows, count)), np.zeros((rows, count))
     forward[:, 0] = backward[:, count - 1] = 1.0
+    scale_before, scale_after = np.zeros((rows, count), np.int64), np.zeros((rows, count), np.int64)
     for row in range(rows):
+        sums = forward[row].copy()
         for end in range(1, count):
             for start in range(end):
-                forward[row, end] += forward[row, start] * width_odds[row, end - start]
-            forward[row, end] *= odds[end] if end < count - 1 else 1.0
+                sums[end] += sums[start] * width_odds[row, end - start]
+            sums[end] *= odds[end] if end < count - 1 else 1.0
+            scale_before[row, end] = scale_before[row, end - 1]
+            if sums[end] > LARGE:
+                sums /= LARGE
+                scale_before[row, end] += 1
+            forward[row, end] = sums[end]
+        sums = backward[row].copy()
         for start in range(count - 2, -1, -1):
             for end in range(start + 1, count):
                 factor = odds[end] if end < count - 1 else 1.0
-                backward[row, start] += width_odds[row, end - start] * factor * backward[row, end]
-    return forward, backward
+                sums[start] += width_odds[row, end - start] * factor * sums[end]
+            scale_after[row, start] = scale_after[row, start + 1]
+            if sums[start] > LARGE:
+                sums /= LARGE
+                scale_after[row, start] += 1
+            backward[row, start] = sums[start]
+    return forward, backward, scale_before, scale_after
