@@ -334,9 +334,7 @@ def cell_costs(
         costs.gross_limit,
         reach.spacing**2,
     )
-    rise = rise_over(
-        coverage.nodes, reach.roof, reach.labels, reach.planes, reach.highest, reach.spacing
-    )
+    rise = rise_over(coverage.nodes, reach.roof, reach.labels, reach.planes, reach.highest, reach.spacing)
     if rise.any():
         first = np.searchsorted(coverage.cell[inner], np.arange(coverage.count))
         data += RUNAWAY * np.maximum.reduceat(rise[coverage.start[inner]], first)
