@@ -41,7 +41,7 @@ OFF = 0.1
 NO_MESSAGE = r"(?!)"
 """Matches nothing."""
 MARKED = re.compile(
-    "no point|not supported|no ground was seen|nothing was seen|no return|no roof|no model|within 0.2 m"
+    "no point|not supported|no ground was seen|nothing was seen|no return|no roof|no model|RMSE|within 0.2 m"
 )
 """What a row must say of a building that is not known."""
 PLACES = (16.0, 25.0), (38.0, 25.0)

@@ -20,7 +20,7 @@ from eaves.buildings.building_file import SavedBuilding, building_arrays
 from eaves.buildings.gather import MARGIN, Gatherer, cells_of, is_seen_beside
 from eaves.buildings.join import OwnedBuildings
 from eaves.figures.attributes import measure_again
-from eaves.figures.trust import CELLS
+from eaves.figures.trust import CELLS, NO_ROOF
 from eaves.footprints.addresses import split_buildings
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.methods import ContractError, check_returned, naming
@@ -44,6 +44,7 @@ from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL
 from eaves.reconstruct import add_overhangs, reconstruct_building
+from eaves.reconstruct.stage import FALLBACK
 from eaves.roof import segment_roof
 from eaves.roof.toolkit.crowns import crown_points
 from eaves.run.clock import Clock
@@ -150,6 +151,11 @@ OBJECTS = "2.2"
 BEND_DEG, FAR_M = 20.0, 1.0
 """A corner turns by more, a curve by less; ground farther off (m) does not show where a building ends."""
 
+LEAST_PIERCED, LEAST_SOLID, MOST_GROUND = 0.25, 0.5, 0.25
+"""Shares of points that let the pulse through, of those that end it on a plane, and of the plan in which
+ground is seen: of 197 roofs under given outlines no more than 0.29, no less than 0.67, no more than 0.19; of
+drawn crowns 0.4, 0.48 and 0.42 are the least telling."""
+
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
 """Sources of the height of a base; the column `ground_source` says it."""
 
@@ -251,13 +257,18 @@ def building_pass(
         plane[roof[segment.members]] = number
     clock.lap("roof")
 
+    doubt = "" if flat or recipe.from_raster else lacks_roof(building, roof, planes)
     base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
     if not np.isfinite(base):
         outcome: BuildingModel | Failure = Failure(
             "no_ground", "no terrain under the footprint", "reconstruct"
         )
     else:
-        outcome = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
+        method = FALLBACK if doubt else recipe.reconstruct
+        outcome = reconstruct_building(points, footprint, planes, base, method)
+        if doubt and isinstance(outcome, BuildingModel):
+            why = {"fallback_code": NO_ROOF, "fallback_reason": doubt}
+            outcome = outcome.with_(attributes={**outcome.attributes, **why})
     described = outcome.lod if isinstance(outcome, BuildingModel) else ""
     if isinstance(outcome, BuildingModel) and recipe.lod == OVERHANGS:
         around = points if building.around is None else building.around
@@ -278,6 +289,33 @@ def building_pass(
             facts |= outline_facts(footprint, building)
         outcome = outcome.with_(attributes={**outcome.attributes, **facts})
     return BuildingResult(outcome, building.point_id, plane, clock.laps)
+
+
+def lacks_roof(building: BuildingPoints, roof: NDArray[np.int64], planes: Sequence[RoofPlane]) -> str:
+    """Why the points `roof` (M,) under a given outline are none of a roof, in words; empty where they may be
+    one, and where the outline follows from what was found to be a building.
+
+    A roof ends the pulses that meet it: most of its points are the last of their pulse and lie on its planes,
+    and no ground is seen under it.
+    """
+    if building.given is None:
+        return ""
+    inner = building.given.polygon.buffer(-CELL)
+    if building.ground_seen is not None and not inner.is_empty:
+        cells = cells_of(building.ground_seen)
+        share = CELL**2 * np.count_nonzero(shapely.contains_xy(inner, *cells.T)) / inner.area
+        if share > MOST_GROUND:
+            return f"ground was seen in {min(share, 1.0):.0%} of it"
+    if building.not_last is None or not len(roof):
+        return ""
+    ends = ~building.not_last[roof]
+    on_plane = np.zeros(len(roof), bool)
+    for plane in planes:
+        on_plane[plane.members] = True
+    solid = float(np.mean(on_plane & ends))
+    if np.mean(~ends) <= LEAST_PIERCED or solid >= LEAST_SOLID:
+        return ""
+    return f"{np.mean(~ends):.0%} of its points let the pulse through, {solid:.0%} end it on a plane: leaves"
 
 
 def level_plane(points: Points) -> RoofPlane:

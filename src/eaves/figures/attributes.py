@@ -63,6 +63,9 @@ EMPTY_CELL = 1.0
 OWN_SURFACE = 1.0
 """Points further (m) from the roof hang over it or lie under it: they say nothing of its heights."""
 
+STRAY_M = 100.0
+"""What lies further (m) from the roof was not measured on the building: a bird, a cloud, a broken echo."""
+
 TRIMMED_SHARE = 0.95
 """Share of the best-fitting points the trimmed RMSE is computed from."""
 
@@ -103,14 +106,15 @@ def describe_roof(
     height, cosine, number = surface or surface_heights(solids, roof[:, :2])
     error = np.where(np.isfinite(height), (roof[:, 2] - height) * cosine, 0.0)
     for face, record in enumerate(roof_faces):
-        errors = error[number == face]
+        errors = error[(number == face) & (np.abs(error) <= STRAY_M)]
         record["points"] = len(errors)
         record["rmse_m"] = float(np.sqrt(np.mean(errors**2))) if len(errors) else None
     centres, empty = empty_cells(points, model)
     mark_unknown(roof_faces, surface_heights(solids, centres)[2], empty)
     grade_faces(roof_faces, error, number)
     fitting = roof[np.abs(error) <= OWN_SURFACE]
-    squared = np.sort(error**2)
+    own = np.abs(error) <= STRAY_M
+    squared = np.sort(error[own if own.any() else ...] ** 2)
     trimmed = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
     heights = (fitting if len(fitting) else roof)[:, 2]
     return {

@@ -34,6 +34,15 @@ LEAST_LOSS = 0.7
 DEFECT_LOSS = WEIGHTS["one"] + WEIGHTS["corners"] * HOUSE - float(np.log(HIGH / (1.0 - HIGH)))
 """Log-odds that a trait must cost to take a plain house out of high trust by itself."""
 
+UNSEEN_SHARE = 0.25
+"""Share of the plan without points from which a model is a guess: whole faces hide in it."""
+
+POOR_FIT_M = 0.3
+"""RMSE (m) over which the points do not show the roof that is drawn: ten times the noise of a common scan."""
+
+NO_ROOF = "no_roof"
+"""The `fallback_code` of a given outline whose points are none of a roof."""
+
 SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
 
@@ -50,6 +59,9 @@ TRAILER_HEIGHT_M, TRAILER_LENGTH_M = 3.8, 13.0
 
 VEHICLE_BADNESS = 0.9
 """How likely what has the form of a vehicle is none of a building's."""
+
+NO_ROOF_BADNESS = 0.9
+"""How likely a model is wrong whose points are a crown's, a hedge's or the ground's."""
 
 
 def is_vehicle(row: Mapping[str, Any]) -> bool:
@@ -125,7 +137,8 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     Right is a building of which nine tenths of the plan lie within 0.2 m of the true roof, and nine tenths of
     the outline within 1 m of the true one, and the other way round. What towns of which everything is known
     do not show lowers the class by itself: a roof that its points do not support,
-    a coarser model, an uncertain party wall, a base that no ground beside the building shows.
+    a coarser model, an uncertain party wall, a base that no ground beside the building shows, a quarter of
+    the plan without points, points far off the roof on the whole.
 
     Examples
     --------
@@ -143,11 +156,13 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
         reasons.append(f"{1.0 - row['supported_share']:.0%} of the roof is not supported by its points")
     weak_traits = [name for name, gain in gains.items() if name in WORDS and gain <= -LEAST_LOSS]
     reasons += [WORDS[name].format(**row) for name in sorted(weak_traits, key=lambda name: gains[name])]
-    doubts = list(doubts_of(row))
+    doubts = [doubt for doubt in doubts_of(row) if doubt not in reasons]
+    if row.get("failure_code") == NO_ROOF:
+        badness = max(badness, NO_ROOF_BADNESS)
     if is_vehicle(row):
         badness = max(badness, VEHICLE_BADNESS)
         reasons.insert(0, "a container or vehicle? level, {width_m:.1f} by {length_m:.1f} m".format(**row))
-    if doubts:
+    if any(doubts_of(row)):
         badness = max(badness, 1.0 - 0.5 * (HIGH + LOW))
     trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness > LOW else "low"
     return trust, badness, "; ".join([*reasons, *doubts] or [SMALL_DOUBTS] * (trust != "high"))
@@ -169,6 +184,10 @@ def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:
     """The reasons that lower the trust by themselves, in words."""
     if row.get("failure_code") and str(row.get("lod")) < DETAILED:
         yield f"coarser than LoD 2.2: {row.get('failure_reason')}"
+    if (row.get("share_no_data") or 0.0) >= UNSEEN_SHARE:
+        yield WORDS["empty"].format(**row)
+    if (row.get("rmse_m") or 0.0) > POOR_FIT_M:
+        yield f"its points lie {row['rmse_m']:.2f} m (RMSE) off the roof"
     wall = row.get("wall_certainty")
     if wall is not None and wall < LOW:
         yield f"a party wall of certainty {wall:.2f}"

@@ -36,6 +36,7 @@ from eaves.reconstruct.toolkit.evidence import (
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_towers, find_superstructures
+from eaves.reconstruct.toolkit.unseen import highest_of, mirrored_planes, unseen_lines, unseen_places
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import LOWEST_ROOF, corner_rank, extrude_plan, is_sound, make_moves, without_numbers
@@ -44,6 +45,9 @@ from eaves.solids.soundness import LOWEST_WALL
 PASSES = 8
 """Passes over the plan, in each of which moves that do not touch one another are made together; more of them
 wear sound corners away."""
+
+CLEARLY = 1e-6
+"""Rise (m) that is more than rounding."""
 
 MOST_HEIGHTS = 64
 """Half-edges of two neighbouring nodes, at most, for one of them to move into the other."""
@@ -57,6 +61,7 @@ def settle_corners(
     costs: LabelCosts,
     price: float,
     reach: float,
+    highest: Values | None = None,
 ) -> tuple[Coverage, Integers]:
     """The coverage without the corners that explain less than `price` points each, and its labels (C,).
 
@@ -68,13 +73,15 @@ def settle_corners(
 
     d the distance, τ the limit of residuals, as for the labels. A step of
     metres is never given up for a few corners, as the distance counts in full. Corners are those of the
-    solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it.
+    solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it. No
+    plane is carried over the `highest` (P,) that it may be, nor over what meets there already.
     """
+    highest = np.full(len(planes), np.inf) if highest is None else highest
     for careful in (False, True):
         refused: set[tuple[float, ...]] = set()
         plan, plan_labels = coverage, labels
         for _ in range(PASSES):
-            pairs = worthwhile_moves(plan, plan_labels, roof, planes, costs, price, reach)
+            pairs = worthwhile_moves(plan, plan_labels, roof, planes, costs, price, reach, highest)
             moved = make_moves(plan, plan_labels, pairs, refused, careful) if len(pairs) else None
             if moved is None:
                 break
@@ -92,11 +99,12 @@ def worthwhile_moves(
     costs: LabelCosts,
     price: float,
     reach: float,
+    highest: Values,
 ) -> Integers:
     """Pairs (K, 2) of a node and the neighbour it should move into, the best first."""
     half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, *coverage.neighbours)
     node, into, saved, triangles, move, gets, has = moves_kernel(
-        *half_edges, labels, planes, corner_rank(coverage), reach
+        *half_edges, labels, planes, corner_rank(coverage), reach, highest
     )
     gain = price * saved
     if len(triangles):
@@ -149,12 +157,13 @@ def moves_kernel(
     planes: Values,
     rank: Integers,
     reach: float,
+    highest: Values,
 ) -> tuple[Integers, Integers, Values, Values, Integers, Integers, Integers]:
     """Nodes (K,), the neighbours (K,) they could move into, the corners (K,) that saves, and what their edges
     sweep: triangles (T, 3, 2), the move of each, the label its points get, and the one they have, (T,).
 
     A point swept by several edges goes from cell to cell, so that the changes add up. `labels` (C,) of the
-    `planes` (P, 3), `rank` (V,) as by `corner_rank`.
+    `planes` (P, 3), `rank` (V,) as by `corner_rank`; `highest` (P,) as in `settle_corners`.
     """
     leaving, first = members_kernel(start, len(nodes))
     moves, swept = 0, 0
@@ -196,16 +205,18 @@ def moves_kernel(
                     heights[count] = a * nodes[at, 0] + b * nodes[at, 1] + c
                     count += 1
             before += corners_kernel(heights, count)
-        count = 0
+        met = np.max(heights[:count]) if count else -np.inf
+        count, rises = 0, False
         for fan in (at_v, at_w):
             for spoke in fan:
                 owner = cell[spoke]
                 if owner != OUTSIDE and owner != closed_left and owner != closed_right:
                     a, b, c = planes[labels[owner]]
                     heights[count] = a * nodes[w, 0] + b * nodes[w, 1] + c
+                    rises |= heights[count] > max(highest[labels[owner]], met + CLEARLY)
                     count += 1
         fewer = before - corners_kernel(heights, count)
-        if fewer <= 0:
+        if fewer <= 0 or rises:
             continue
         node[moves], into[moves], saved[moves] = v, w, fewer
         for edge in at_v:
@@ -341,7 +352,11 @@ class Arrangement(ObjectLimits):
         roof = points[top]
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
-        cells = self.cells(footprint, roof, labels, coefficients, spacing, ground, ignore)
+        unseen = unseen_places(footprint.polygon, roof, spacing)
+        highest = highest_of(roof, labels, coefficients, self.residual_limit)
+        mirrored = mirrored_planes(unseen, roof, labels, coefficients, highest)
+        coefficients = np.insert(coefficients, -1, mirrored, axis=0)
+        cells = self.cells(footprint, roof, labels, coefficients, spacing, ground, unseen, ignore)
         if cells is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         plan, reach, located, data = cells
@@ -349,7 +364,7 @@ class Arrangement(ObjectLimits):
         region, first = plan.regions(chosen)
         of_regions = np.vstack([coefficients[chosen[first]], coefficients[-1:]])
         fitted = planes_of_regions(roof, located, region, of_regions, 0.5 * self.residual_limit)
-        cells = self.cells(footprint, roof, *fitted, spacing, ground, emit)
+        cells = self.cells(footprint, roof, *fitted, spacing, ground, unseen, emit)
         if cells is not None:
             (plan, reach, located, data), coefficients = cells, fitted[1]
         for _ in range(MOST_ROUNDS):
@@ -370,6 +385,7 @@ class Arrangement(ObjectLimits):
             self,
             self.plane_points,
             self.residual_limit,
+            reach.highest,
         )
         if plan is not merged:
             located = plan.cells_of(roof)
@@ -433,15 +449,17 @@ class Arrangement(ObjectLimits):
         planes: Values,
         spacing: float,
         ground: float,
+        unseen: Values,
         emit: Emit,
     ) -> tuple[Coverage, PlaneReach, tuple[Integers, Integers], Values] | None:
         """The plan of the lines of planes (P, 3) with `labels` (N,) of the roof points (N, 3), where the
         planes may be, the points with the cells they lie in, and what each plane costs each cell (C, P); None
-        for a footprint without an area."""
-        plan = self.cut(footprint, roof, labels, planes, spacing, emit)
+        for a footprint without an area. No point shows the `unseen` places (K, 2)."""
+        plan = self.cut(footprint, roof, labels, planes, spacing, unseen, emit)
         if plan is None:
             return None
-        reach = plane_reach(roof, labels, planes, spacing, ground, self.farthest)
+        highest = highest_of(roof, labels, planes, self.residual_limit)
+        reach = plane_reach(roof, labels, planes, spacing, ground, self.farthest, highest, unseen)
         located = plan.cells_of(roof)
         return plan, reach, located, cell_costs(plan, reach, self, located)
 
@@ -452,12 +470,14 @@ class Arrangement(ObjectLimits):
         labels: Labels,
         planes: NDArray[np.float64],
         spacing: float,
+        unseen: Values,
         emit: Emit,
     ) -> Coverage | None:
         """The cells the candidate lines cut the footprint into; the footprint alone when they cannot be
         rounded.
         """
         lines = candidate_lines(roof, labels, planes, footprint.polygon, spacing, self)
+        lines += unseen_lines(unseen, labels, planes, spacing)
         segments = extend(lines, footprint.polygon, self.extension)
         emit("lines", segments)
         plan = arrange(footprint.polygon, segments)

@@ -12,6 +12,7 @@ from eaves.geometry.components import members
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Integers, Labels, Points, Values
+from eaves.reconstruct.toolkit.unseen import rise_over, without_points
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
 
@@ -205,7 +206,7 @@ def cost_kernel(
 
 
 RUNAWAY = 1e3
-"""Cost (m²) of a metre under the lowest roof: more than any residual."""
+"""Cost (m²) of a metre under the lowest roof, or over what was seen: more than any residual."""
 
 GAUSS_PLACES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(2)[0]
 """Places along a border at which its jump is measured: the two of Gauss-Legendre quadrature."""
@@ -249,17 +250,20 @@ class LabelCosts(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class PlaneReach:
-    """The roof points (N, 3), the planes (P, 3: a, b, c) they support, and where these may be: in the
-    rectangles `box` (P, 4), not under `lowest` (m).
+    """The roof points (N, 3), the planes (P, 3: a, b, c) that their `labels` (N,) say they support, and where
+    these may be: in the rectangles `box` (P, 4), not under `lowest` (m), nor over `highest` (P,) but where
+    two that were seen meet.
 
     The last plane is the level that stands for no plane at all and may be anywhere.
     """
 
     roof: Points
+    labels: Labels
     planes: Values
     spacing: float
     box: Values
     lowest: float
+    highest: Values
 
 
 def plane_reach(
@@ -269,9 +273,11 @@ def plane_reach(
     spacing: float,
     ground: float,
     farthest: float,
+    highest: Values,
+    unseen: Values,
 ) -> PlaneReach:
-    """Reach of planes (P, 3): up to `farthest` (m) from the rectangles around their points, and over the
-    base.
+    """Reach of planes (P, 3): up to `farthest` (m) from the rectangles around their points, or from the
+    `unseen` places (K, 2) for those without any, over the base and not over the `highest` (P,).
 
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """
@@ -279,9 +285,11 @@ def plane_reach(
     for number, points in enumerate(members(labels, len(planes))):
         if len(points):
             box[number] = np.hstack([roof[points, :2].min(axis=0), -roof[points, :2].max(axis=0)])
+    if len(unseen):
+        box[without_points(labels, planes)] = np.hstack([unseen.min(axis=0), -unseen.max(axis=0)])
     box = (box - farthest) * np.array([1.0, 1.0, -1.0, -1.0])
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
-    return PlaneReach(roof, planes, spacing, box, ground + LOWEST_ROOF)
+    return PlaneReach(roof, labels, planes, spacing, box, ground + LOWEST_ROOF, highest)
 
 
 def label_cells(coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: Values) -> Integers:
@@ -326,6 +334,10 @@ def cell_costs(
         costs.gross_limit,
         reach.spacing**2,
     )
+    rise = rise_over(coverage.nodes, reach.roof, reach.labels, reach.planes, reach.highest, reach.spacing)
+    if rise.any():
+        first = np.searchsorted(coverage.cell[inner], np.arange(coverage.count))
+        data += RUNAWAY * np.maximum.reduceat(rise[coverage.start[inner]], first)
     data[:, -1] += 1e-6  # of equals a plane goes before the level that stands for none
     return np.asarray(np.minimum(data, LARGEST))
 

@@ -1,0 +1,119 @@
+"""Where a plan shows no point: how high planes may rise there, and the planes that complete a roof."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+from shapely import Polygon
+
+from eaves.geometry.components import members
+from eaves.model import Labels, Mask, Points, Values
+from eaves.reconstruct.toolkit.plan_lines import FLAT, Line
+
+LEAST_RISE, SIGMAS = 0.15, 3.0
+"""No corner lies higher over the highest point than by so much (m), or by so many sigmas of its plane."""
+
+NEAR, SPACINGS = 1.0, 2.0
+"""A place shows nothing where no point is as near (m), or within so many spacings: a few cells without a
+point are chance."""
+
+MEETING = 0.05
+"""Planes that differ by no more (m) in a corner meet there: it was rounded, and moved with its line."""
+
+
+def reach_of(spacing: float) -> float:
+    """The distance (m) within which a point shows a place."""
+    return max(NEAR, SPACINGS * spacing)
+
+
+def unseen_places(polygon: Polygon, roof: Points, spacing: float) -> Values:
+    """Places (K, 2) inside a plan, in a grid of half the reach, that no roof point (N, 3) shows."""
+    side = 0.5 * reach_of(spacing)
+    west, south, east, north = polygon.bounds
+    x, y = np.meshgrid(np.arange(west + 0.5 * side, east, side), np.arange(south + 0.5 * side, north, side))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    places = places[shapely.contains_xy(polygon, places)]
+    away, _ = cKDTree(roof[:, :2]).query(places, distance_upper_bound=reach_of(spacing))
+    return np.asarray(places[np.isinf(away)])
+
+
+def highest_of(roof: Points, labels: Labels, planes: Values, most: float) -> Values:
+    """The height (P,) over which no corner of a plane may lie: that of the highest point (N, 3) of any plane,
+    and what its own scatter hides, at most `most` (m)."""
+    known = labels >= 0
+    a, b, c = planes[labels[known]].T
+    x, y, z = roof[known].T
+    squares = np.bincount(labels[known], (z - a * x - b * y - c) ** 2, len(planes))
+    sigma = np.sqrt(squares / np.maximum(np.bincount(labels[known], minlength=len(planes)), 1))
+    top = (z if known.any() else roof[:, 2]).max()
+    return np.asarray(top + np.clip(SIGMAS * sigma, LEAST_RISE, most))
+
+
+def rise_over(
+    nodes: Values, roof: Points, labels: Labels, planes: Values, highest: Values, spacing: float
+) -> Values:
+    """How far (V, P; m) each plane lies too high at the nodes (V, 2): over its `highest` (P,), and where it
+    has points near also over the second of the planes that have some, which it may meet there."""
+    heights = nodes @ planes[:, :2].T + planes[:, 2]
+    rise = np.maximum(heights - highest, 0.0)
+    over = np.flatnonzero(rise.any(axis=1))
+    if not len(over):
+        return np.asarray(rise)
+    shown = np.zeros((len(over), len(planes)), bool)
+    known = np.flatnonzero(labels >= 0)
+    near = cKDTree(roof[known, :2]).query_ball_point(nodes[over], reach_of(spacing))
+    for row, points in enumerate(near):
+        shown[row, labels[known[points]]] = True
+    if len(planes) > 1:
+        second = np.sort(np.where(shown, heights[over], -np.inf), axis=1)[:, -2:-1]
+        above = np.maximum(heights[over] - second - MEETING, 0.0)
+        rise[over] = np.where(shown, np.minimum(rise[over], above), rise[over])
+    return np.asarray(rise)
+
+
+def mirrored_planes(unseen: Values, roof: Points, labels: Labels, planes: Values, highest: Values) -> Values:
+    """The planes (M, 3) that fall from the top of a slope to its other side, where it would rise over the
+    roof at `unseen` places (K, 2) nearest to it: a gable of which one side was seen has the other."""
+    if not len(unseen):
+        return np.zeros((0, 3))
+    known = np.flatnonzero(labels >= 0)
+    if not len(known):
+        return np.zeros((0, 3))
+    owner = labels[known[cKDTree(roof[known, :2]).query(unseen)[1]]]
+    a, b, c = planes[owner].T
+    is_open = a * unseen[:, 0] + b * unseen[:, 1] + c > highest[owner]
+    mirrored = []
+    for number in np.unique(owner[is_open & (np.hypot(a, b) > FLAT)]).tolist():
+        points = roof[labels == number]
+        top = float((points[:, :2] @ planes[number, :2]).max()) + planes[number, 2]
+        plane = np.array([*(-planes[number, :2]), 2.0 * top - planes[number, 2]])
+        places = unseen[is_open & (owner == number)]
+        off = (planes[:-1] - plane) @ np.column_stack([places, np.ones(len(places))]).T
+        if np.abs(off).max(axis=1).min() > LEAST_RISE:  # else the other side was seen in part
+            mirrored.append(plane)
+    return np.array(mirrored, np.float64).reshape(-1, 3)
+
+
+def without_points(labels: Labels, planes: Values) -> Mask:
+    """Mask (P,) of the planes that no point supports, but for the last, which stands for none."""
+    empty = np.array([len(points) == 0 for points in members(labels, len(planes))], bool)
+    empty[-1] = False
+    return empty
+
+
+def unseen_lines(unseen: Values, labels: Labels, planes: Values, spacing: float) -> list[Line]:
+    """The lines along which planes without points meet others, as far as they run by `unseen` places."""
+    lines = []
+    for plane in np.flatnonzero(without_points(labels, planes)).tolist() if len(unseen) else ():
+        for other in range(len(planes) - 1):
+            a, b, c = planes[plane] - planes[other]
+            steep = float(np.hypot(a, b))
+            if other == plane or steep < FLAT:
+                continue
+            close = np.abs(unseen @ [a, b] + c) <= 2.0 * reach_of(spacing) * steep
+            along = unseen[close] @ [-b / steep, a / steep]
+            if len(along):
+                low, high = float(along.min()), float(along.max())
+                lines.append(Line(a / steep, b / steep, -c / steep, low, high, float(len(along))))
+    return lines
