@@ -381,7 +381,7 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
     """Figures of an outline that was not given: its corners, sides of the least rectangle around it, the
     share of that, or of the least circle, that it fills, the agreement of the outline of its block, and its
-    share, but for walls to other units, without ground within `FAR_M`."""
+    share, but for walls to other units, without ground within `FAR_M`, and without anything there."""
     polygon = footprint.polygon
     rectangle = polygon.minimum_rotated_rectangle
     around = min(rectangle.area, shapely.minimum_bounding_circle(polygon).area)
@@ -403,8 +403,10 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         ground = ground[Bounds(*polygon.bounds).buffered(FAR_M + CELL).contains(ground)]
         shapely.prepare(outline)
         ground = ground[~shapely.contains_xy(outline, ground)]
-        away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)
-        facts["hidden_share"] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
+        others = np.zeros((0, 3)) if building.others is None else building.others
+        for name, shown in (("hidden_share", ground), ("blank_share", np.vstack([ground, others[:, :2]]))):
+            away = cKDTree(shown).query(rim)[0] if len(shown) else np.full(len(rim), np.inf)
+            facts[name] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
     return facts
 
 

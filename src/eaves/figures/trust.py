@@ -37,6 +37,12 @@ DEFECT_LOSS = WEIGHTS["one"] + WEIGHTS["corners"] * HOUSE - float(np.log(HIGH / 
 UNSEEN_SHARE = 0.25
 """Share of the plan without points from which a model is a guess: whole faces hide in it."""
 
+BLANK_SHARE = 0.08
+"""Share of the outline beside which nothing at all was seen, from which the building may go on there."""
+
+HIDDEN_LEVELS = 0.03
+"""Share of its height by which a level roof may be off, as what was not seen may be of another level."""
+
 POOR_FIT_M = 0.3
 """RMSE (m) over which the points do not show the roof that is drawn: ten times the noise of a common scan."""
 
@@ -118,6 +124,14 @@ def is_unsupported(row: Mapping[str, Any]) -> bool:
     return supported is not None and bool(supported < HIGH)
 
 
+def hides_levels(row: Mapping[str, Any]) -> bool:
+    """True for a level roof of several levels, where what has no points may be of either of them."""
+    if row.get("roof_type") != "flat" or row.get("h_eaves") is None or row.get("h_ground") is None:
+        return False
+    step, high = row["h_ridge"] - row["h_eaves"], row["h_ridge"] - row["h_ground"]
+    return bool((row.get("share_no_data") or 0.0) * step > HIDDEN_LEVELS * high)
+
+
 def has_defect(row: Mapping[str, Any]) -> bool:
     """True if a fault that a person can see takes a building out of high trust by itself. A party wall under
     one roof, of which the scan shows nothing, is none.
@@ -138,7 +152,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     the outline within 1 m of the true one, and the other way round. What towns of which everything is known
     do not show lowers the class by itself: a roof that its points do not support,
     a coarser model, an uncertain party wall, a base that no ground beside the building shows, a quarter of
-    the plan without points, points far off the roof on the whole.
+    the plan without points, points far off the roof on the whole, an outline beside which nothing was seen.
 
     Examples
     --------
@@ -186,6 +200,10 @@ def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:
         yield f"coarser than LoD 2.2: {row.get('failure_reason')}"
     if (row.get("share_no_data") or 0.0) >= UNSEEN_SHARE:
         yield WORDS["empty"].format(**row)
+    elif hides_levels(row):
+        yield "it has several levels, and {share_no_data:.0%} of its plan has no points".format(**row)
+    if (row.get("blank_share") or 0.0) >= BLANK_SHARE:
+        yield "nothing was seen beside {blank_share:.0%} of its outline: it may go on there".format(**row)
     if (row.get("rmse_m") or 0.0) > POOR_FIT_M:
         yield f"its points lie {row['rmse_m']:.2f} m (RMSE) off the roof"
     wall = row.get("wall_certainty")

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.validation import explain_validity
 
 
 def check_type(value: Any, kind: type, name: str, remedy: str) -> None:
@@ -29,6 +31,56 @@ def check_points(points: Any, name: str = "points") -> None:
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(
             f"{name} must have the shape (N, 3), not {points.shape}; give x, y, z in its columns"
+        )
+
+
+def check_polygon(polygon: Any, name: str) -> None:
+    """Raise TypeError or ValueError when a value is no polygon that encloses an area once."""
+    if not isinstance(polygon, Polygon):
+        raise TypeError(f"{name} must be a Polygon, not {describe(polygon)}; make a footprint of each part")
+    if polygon.is_empty or not polygon.is_valid:
+        raise ValueError(
+            f"{name} must be valid and not empty, but: {explain_validity(polygon)}; "
+            "make a footprint of each polygon in shapely.make_valid(polygon)"
+        )
+
+
+def check_planes(planes: Sequence[Any], count: int) -> None:
+    """Raise ValueError when a roof plane is not of numbers, or has members that are no points of `count`."""
+    for number, plane in enumerate(planes):
+        if not np.isfinite(plane.coefficients).all():
+            raise ValueError(
+                f"planes[{number}] must have finite coefficients, not {plane.coefficients}; leave it out"
+            )
+        members = np.asarray(plane.members)
+        if members.ndim != 1 or (len(members) and members.dtype.kind not in "iu"):
+            raise ValueError(
+                f"planes[{number}].members must be an array (K,) of integers, not {describe(members)}; "
+                "give the numbers of its points"
+            )
+        if len(members) and not 0 <= members.min() <= members.max() < count:
+            raise ValueError(
+                f"planes[{number}].members must be numbers of the {count} points, from 0 on, not "
+                f"{members.min()} to {members.max()}; give the planes of these points"
+            )
+
+
+FARTHEST_BASE_M = 2000.0
+"""No roof stands higher (m) over its base: the highest building is 828 m."""
+
+
+def check_base(ground: float, points: NDArray[np.float64]) -> None:
+    """Raise ValueError when a base is no height, or not of the building of some points (N, 3)."""
+    if not np.isfinite(ground):
+        raise ValueError(
+            f"ground must be a finite height in metres, not {ground}; give the base of the building"
+        )
+    heights = points[np.isfinite(points).all(axis=1), 2]
+    middle = float(np.median(heights)) if len(heights) else ground
+    if abs(middle - ground) > FARTHEST_BASE_M:
+        raise ValueError(
+            f"ground must lie within {FARTHEST_BASE_M:.0f} m of the points, not at {ground:.0f} m with these "
+            f"at {middle:.0f} m; give the base of the building in metres"
         )
 
 

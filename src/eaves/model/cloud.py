@@ -89,10 +89,13 @@ class PointCloud:
 
     @property
     def bounds(self) -> Bounds:
-        """Local metres; ValueError when no point has coordinates."""
-        if not len(self):
+        """Local metres of the points that have coordinates; ValueError when none has."""
+        known = self.xyz
+        if len(known) and not np.isfinite(known.sum()):
+            known = known[np.isfinite(known).all(axis=1)]
+        if not len(known):
             raise ValueError("the cloud has no points and so no bounds; check the area that was read")
-        return Bounds.of(self.xyz)
+        return Bounds.of(known)
 
     @property
     def ground(self) -> Mask:

@@ -83,6 +83,9 @@ COLUMNS: dict[str, Column] = {
         "Agreement of the outline", "", "intersection over union with outlines of half of the boundary points"
     ),
     "hidden_share": Column("Occluded outline", "", "share of the outline with no ground points beside it"),
+    "blank_share": Column(
+        "Outline at blank places", "", "share of the outline with no points at all beside it"
+    ),
     "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured", bool),
     "building_id": Column("Building", "", "id of the building that the face belongs to", str),
     "slope_deg": Column("Slope", "°", "from the horizontal"),
@@ -209,7 +212,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("overhang_known_share", "open_share", "stands_free", "wall_certainty", "ground_source"),
         *("ground_distance_m", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
         *("free_wall_s_m2", "free_wall_w_m2", "envelope_m2", "envelope_per_volume"),
-        *("corners", "width_m", "length_m", "box_share", "outline_agreement", "hidden_share"),
+        *("corners", "width_m", "length_m", "box_share", "outline_agreement", "hidden_share", "blank_share"),
     ),
     "roof_planes": (
         *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),

@@ -20,7 +20,7 @@ from eaves.methods import (
     resolve_method,
 )
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
-from eaves.model.checks import check_points, check_type
+from eaves.model.checks import check_base, check_planes, check_points, check_polygon, check_type
 from eaves.model.cloud import canonical_order
 
 FALLBACK = "prism"
@@ -94,9 +94,12 @@ def reconstruct_building(
     Raises
     ------
     TypeError
-        When `points` is no float64 array, `footprint` no Footprint, or `method` no reconstruction method.
+        When `points` is no float64 array, `footprint` no Footprint of a Polygon, or `method` no
+        reconstruction method.
     ValueError
-        When `points` has another shape, `ground` is not finite, or no method or parameter has that name.
+        When `points` has another shape, the polygon is not valid, a plane has coefficients that are no
+        numbers or members that are no points, `ground` is not finite or over 2 km from the points, or no
+        method or parameter has that name.
 
     Examples
     --------
@@ -115,10 +118,9 @@ def reconstruct_building(
     if isinstance(footprint, Failure):
         return footprint
     check_type(footprint, Footprint, "footprint", "use Footprint(polygon) or regularise_outlines")
-    if not np.isfinite(ground):
-        raise ValueError(
-            f"ground must be a finite height in metres, not {ground}; give the base of the building"
-        )
+    check_polygon(footprint.polygon, "footprint.polygon")
+    check_planes(planes, len(points))
+    check_base(ground, points)
     modeller = resolve_method("reconstruct", method)
     assert isinstance(modeller, Reconstructor)
     emit = emitter(debug)
