@@ -447,7 +447,7 @@ def describe_plan(
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "buffer": recipe.buffer,
         "wide_buffer": recipe.wide_buffer,
-        "bounds": None if bounds is None else list(vars(bounds).values()),
+        "bounds": None if bounds is None else list(bounds),
         **hashes,
         "footprint_source": None if known is None else known.describe(),
         **{name: options.get(name) for name, declared in DECLARED.items() if declared.option.recorded},

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, cast, get_args, get_type_hints
 
 from eaves.formats import InputError
+from eaves.formats.crs import crs_text
 from eaves.methods import MethodChoice
-from eaves.model import Bounds
+from eaves.model import LODS, Bounds
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
 """The outputs there are; see `eaves.flow.outputs`, and `eaves.report` for the last."""
@@ -315,8 +316,12 @@ def check_options(given: RunOptions) -> RunOptions:
     if unknown:
         raise TypeError(f"unknown option '{min(unknown)}' of a run; choose among: {', '.join(DECLARED)}")
     options: RunOptions = {**DEFAULT_OPTIONS, **given}
-    options["outputs"] = tuple(options["outputs"] or EVERYTHING)
-    options["formats"] = tuple(options["formats"] or ())
+    options["outputs"] = named(options["outputs"]) or EVERYTHING
+    options["formats"] = named(options["formats"])
+    if options["crs"] is not None:
+        options["crs"] = crs_text(options["crs"])
+    if isinstance(lod := options["lod"], int | float):
+        options["lod"] = next((name for name in LODS if float(name) == lod), str(lod))
     check_outputs(options["outputs"])
     jobs, bounds = options["jobs"], options["bounds"]
     if not isinstance(jobs, int) or jobs < 0:
@@ -334,6 +339,12 @@ def check_options(given: RunOptions) -> RunOptions:
     return options
 
 
+def named(given: str | Sequence[str] | None) -> tuple[str, ...]:
+    """The names of outputs or formats: one, or several; a format may be named by its suffix."""
+    names = (given,) if isinstance(given, str) else tuple(given or ())
+    return tuple(name.lower().removeprefix(".") for name in names)
+
+
 def checked_bounds(given: Bounds | Sequence[float]) -> Bounds:
     """Bounds from four numbers, when they hold an area.
 
@@ -342,7 +353,7 @@ def checked_bounds(given: Bounds | Sequence[float]) -> Bounds:
     ValueError, InputError
         When they do not.
     """
-    numbers = list(vars(given).values()) if isinstance(given, Bounds) else list(given)
+    numbers = list(given)
     if len(numbers) != len(fields(Bounds)):
         raise ValueError(f"bounds must be west, south, east, north, not {given!r}; give four numbers")
     west, south, east, north = numbers
@@ -375,7 +386,7 @@ def kept_options(options: RunOptions) -> dict[str, Any]:
         name: options.get(name) for name, declared in DECLARED.items() if declared.option.again
     }
     if options["bounds"] is not None:
-        options_again["bounds"] = list(vars(options["bounds"]).values())
+        options_again["bounds"] = list(options["bounds"])
     for name in POLYGONS:
         options_again[name] = (
             None if options_again[name] is None else str(Path(str(options_again[name])).resolve())

@@ -12,9 +12,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from eaves.formats.crs import LENGTHS, agree, degrees_remedy, parse_crs, system_of
+from eaves.formats.crs import LENGTHS, agree, crs_text, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
+from eaves.formats.in_memory import as_point_files, is_path
 from eaves.formats.inputs import find_inputs
 from eaves.formats.points.chunk import FARTHEST, Chunk
 from eaves.formats.points.las import WHOLE, iter_las, readable_fields
@@ -289,20 +290,21 @@ def check_fields(source: Source, fields: Sequence[str]) -> None:
 
 
 def read(
-    paths: str | Path | Sequence[str | Path],
-    bounds: Bounds | None = None,
-    crs: str | None = None,
+    paths: str | Path | Sequence[str | Path] | Any,
+    bounds: Bounds | Sequence[float] | None = None,
+    crs: str | int | Any = None,
     fields: Sequence[str] = (),
 ) -> PointCloud:
     """The points of one or several files as one cloud.
 
     Parameters
     ----------
-    paths : str, Path or sequence of them
-        Files, folders or globs; they are read in the order of `find_inputs`.
-    bounds : Bounds or None
+    paths : str, Path or sequence of them, laspy.LasData, or array (N, 3)
+        Files, folders or globs; they are read in the order of `find_inputs`. Or points in memory, an array in
+        the units of `crs`.
+    bounds : Bounds or (west, south, east, north) or None
         World metres; only the points inside are read.
-    crs : str or None
+    crs : str, int, pyproj.CRS or None
         Overrides the system that the files name (see `open_source`).
     fields : sequence of str
         Other fields of the points to read (`PointCloud.fields`): `intensity`, `nir`, …
@@ -325,7 +327,11 @@ def read(
     >>> len(eaves.read(files["points"]))
     10404
     """
-    sources = [open_source(path, crs) for path in find_inputs(paths)]
+    if not is_path(paths):
+        with as_point_files(paths, crs) as path:
+            return read(path, bounds, crs, fields)
+    bounds = None if bounds is None else Bounds(*bounds)
+    sources = [open_source(path, None if crs is None else crs_text(crs)) for path in find_inputs(paths)]
     system = common_system(sources)
     total = sum(source.count for source in sources)
     try:
