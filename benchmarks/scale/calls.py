@@ -223,8 +223,8 @@ CALLS = [
     Call(TABLE, "eaves.update(kept, later, new()).footprints", "len(value) == 3"),
     Call(
         "geopandas",
-        "eaves.compare(run, run)",
-        "len(value.changes) == 0 or (value.changes.status == 'same').all()",
+        "eaves.compare(run, run).table",
+        "(value.change == 'unchanged').all() and len(value) == 3",
     ),
     Call(TABLE, "eaves.to_geopandas(eaves.model_buildings(tile))", "same_table(value)"),
     Call(TABLE, "eaves.to_geopandas(eaves.model_buildings(tile)).crs", "value.to_epsg() == 28992"),
@@ -271,7 +271,7 @@ def environment(place: Path) -> dict[str, Any]:
     scene = eaves.make_scene(ground, ground.bounds)
     regions = eaves.detect_buildings(scene)
     p = ground.xyz[regions.label == 1]
-    boundary = eaves.trace_outline(p, scene.spacing)
+    boundary = eaves.trace_outline(p, scene.spacing, origin=ground.origin)
     footprint = eaves.regularise_outlines([boundary])[0]
     planes = eaves.segment_roof(p, scene.spacing)
     reference = geopandas.read_file(run / "footprints.gpkg", layer="footprints")
