@@ -280,17 +280,18 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
         warnings.simplefilter("ignore")
         logging.getLogger().handlers[:] = logging.getLogger().handlers or [logging.NullHandler()]
     logger.setLevel(level)
+    logging.getLogger("eaves.kernels").setLevel(logging.ERROR)  # `run_display` says it
 
 
 @contextmanager
 def run_display(quiet: bool) -> Iterator[Any]:
     """The progress of a run; in a first run also that of compiling."""
-    from eaves.cli.progress import compilation_shown, compiled_pieces
-    from eaves.kernels import library
+    from eaves.kernels import FIRST_USE, is_first_use
+    from eaves.report.progress import compilation_shown
 
-    compiling = not library() and not compiled_pieces()
+    compiling = is_first_use()
     if compiling and not quiet:
-        typer.echo("first run: loops are compiled once for this machine, a minute or two", err=True)
+        typer.echo(FIRST_USE, err=True)
     with (
         progress_display(quiet, compiling) as progress,
         compilation_shown(compiling and not quiet, progress),
@@ -301,7 +302,7 @@ def run_display(quiet: bool) -> Iterator[Any]:
 def progress_display(quiet: bool, compiling: bool = False) -> Any:
     """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
     quiet."""
-    from eaves.cli.progress import bars, lines, nothing
+    from eaves.report.progress import bars, lines, nothing
 
     if quiet:
         return nothing()

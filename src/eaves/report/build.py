@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 from weakref import finalize
 
 from eaves.flow.results import Results
@@ -19,6 +19,7 @@ from eaves.pipeline import build_run, end_run, hold_folder, no_correction
 from eaves.recipe.recipe import Recipe
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, read_contents
 from eaves.report.page_file import write_page
+from eaves.report.progress import bars
 from eaves.report.sample import PointSample
 from eaves.run.clock import Clock
 from eaves.run.options import EVERYTHING, POLYGONS, RunOptions, list_options
@@ -32,7 +33,7 @@ def build(
     inputs: str | Path | Sequence[str | Path] | Any,
     out: str | Path,
     recipe: Recipe | None = None,
-    progress: Progress = no_progress,
+    progress: Progress | Literal[True] = no_progress,
     allow_failures: bool = False,
     **options: Unpack[RunOptions],
 ) -> Results:
@@ -46,8 +47,8 @@ def build(
         Folder; made when missing.
     recipe : Recipe or None
         The methods, instead of the options that name them.
-    progress : callable
-        Called with the step, how much of it is done, and how much there is.
+    progress : callable or True
+        Called with the step, how much of it is done, and how much there is; True shows bars.
     allow_failures : bool
         Return what there is when a part could not be computed.
     {options}
@@ -82,17 +83,18 @@ def build(
     True
     """
     with ExitStack() as files:
+        show: Progress = files.enter_context(bars()) if progress is True else progress
         inputs = files.enter_context(as_point_files(inputs, options.get("crs")))
         for name in POLYGONS:
             options[name] = files.enter_context(as_polygon_file(options.get(name), name))  # type: ignore[literal-required]
-        return build_files(inputs, out, recipe, progress, options).checked(allow_failures)
+        return build_files(inputs, out, recipe, show, options).checked(allow_failures)
 
 
 @list_options
 def find_buildings(
     points: str | Path | Sequence[str | Path] | Any,
     recipe: Recipe | None = None,
-    progress: Progress = no_progress,
+    progress: Progress | Literal[True] = no_progress,
     allow_failures: bool = False,
     **options: Unpack[RunOptions],
 ) -> Results:
@@ -104,8 +106,8 @@ def find_buildings(
         Files or folders; or points in memory, an array in the units of `crs`.
     recipe : Recipe or None
         The methods, instead of the options that name them.
-    progress : callable
-        Called with the step, how much of it is done, and how much there is.
+    progress : callable or True
+        Called with the step, how much of it is done, and how much there is; True shows bars.
     allow_failures : bool
         Return what there is when a part could not be computed.
     {options}
