@@ -177,15 +177,16 @@ def read_recipe(
     from dataclasses import replace
 
     from eaves.flow.run import recipe_of
-    from eaves.run.options import DEFAULT_OPTIONS, METHOD_OPTIONS
+    from eaves.run.options import METHOD_OPTIONS, check_options
 
+    options.update(check_options(options))
     tables, settings = read_config(given[0]), read_settings(given[1] or ())
     for stage in {*tables, *settings}:
-        named = {**tables.get(stage, {}), **options.get(stage, {}), **settings.get(stage, {})}  # type: ignore[dict-item]
+        named = {**tables.get(stage, {}), **(options.get(stage) or {}), **settings.get(stage, {})}  # type: ignore[dict-item]
         options[stage] = named  # type: ignore[literal-required]
     given_methods: dict[str, Any] = {stage: options.get(stage) for stage in METHOD_OPTIONS}
     look_in_this_folder([str(table.get("method")) for table in given_methods.values() if table])
-    recipe = recipe_of({**DEFAULT_OPTIONS, **options})
+    recipe = recipe_of(options)
     return replace(recipe, detect=None) if ground_only else recipe
 
 

@@ -114,7 +114,7 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
         if not window.clip.is_empty:
             place = f"lies within {box_text(window.clip.bounds, index.system)}"
         raise InputError.about(
-            options["clip"] or "--clip",
+            str(options["clip"] or "--clip"),
             f"no point lies in its area, which {place}: the headers put them within {extent}",
             f"check its coordinate system, {ANYWAY}",
         )

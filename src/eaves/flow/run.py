@@ -250,7 +250,7 @@ def plan_run(
     failed: list[str] = []
     index = index_inputs(
         paths,
-        options["crs"],
+        options["crs"],  # type: ignore[arg-type] # checked
         failed,
         lambda done, total: progress("index", done, total),
         options["crs_force"],
@@ -329,7 +329,7 @@ def recipe_of(options: RunOptions) -> Recipe:
         source=options["source"],
         published=options["as_published"],
         use_classes=options["use_classes"] or options["dtm"] is not None,
-        lod=options["lod"],
+        lod=options["lod"],  # type: ignore[arg-type] # checked
         building_classes=options["building_classes"],
         ground_classes=options["ground_classes"],
         classes=options["classes"],
