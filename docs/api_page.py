@@ -12,7 +12,7 @@ from docs.method_pages import linked, split_sections
 from eaves.methods import REGISTRY, method_class
 
 TOPICS = {
-    "run": ("Whole runs", ("report", "pipeline", "recipe", "methods", "change", "solar")),
+    "run": ("Whole runs", ("report", "flow", "pipeline", "recipe", "methods", "change", "solar")),
     "points": ("Points and ground", ("ground", "raster")),
     "detection": ("Detection, outlines and units", ("detect", "outline", "units")),
     "models": ("Roofs and solids", ("roof", "reconstruct")),

@@ -97,3 +97,14 @@ def test_list_has_every_call_of_a_build(monkeypatch: pytest.MonkeyPatch, tmp_pat
     )
     assert not missing, "add them: python packaging/kernels.py --run build …"
     assert len(calls) > 50
+
+
+def test_the_first_use_is_said_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(kernels, "is_first_use", lambda: True)
+    kernels.say_first_use.cache_clear()
+    kernels.say_first_use()
+    kernels.say_first_use()
+    assert [one.getMessage() for one in caplog.records] == [kernels.FIRST_USE]
+    kernels.say_first_use.cache_clear()

@@ -50,7 +50,7 @@ def test_the_core_needs_no_plotting_library() -> None:
         "            raise ImportError(name)\n"
         "sys.meta_path.insert(0, Missing())\n"
         "import eaves.pipeline, eaves.report.build, eaves.cli.app, eaves.formats.models.obj\n"
-        "import eaves.report.notebook\n"
+        "import eaves.flow.results\n"
         "eaves.build, eaves.read\n"
         "assert 'scipy.stats' not in sys.modules, 'half a second of every start, for one distribution'\n"
     )

@@ -34,7 +34,7 @@ import shapely
 from benchmarks.accuracy.ablation_rules import RULES, Rule
 from benchmarks.survey_variants import SOMEWHERE_M, read_survey, survey_of
 from benchmarks.table import keep
-from eaves.evaluate.footprints import evaluate_footprints
+from eaves.evaluate.footprint_scores import evaluate_footprints
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.roof_fit import RoofFaces, fit_roof, roof_point_mask
 from eaves.methods import DEFAULTS, method_class

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import ndimage
 
 from benchmarks.table import keep
-from eaves.evaluate.ground import evaluate_ground
+from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin

@@ -28,7 +28,7 @@ from benchmarks.accuracy.outline_detected import (
 )
 from benchmarks.table import keep
 from benchmarks.wireframes.scores import read_wireframe
-from eaves.evaluate.footprints import count_vertices, outline_distances
+from eaves.evaluate.footprint_scores import count_vertices, outline_distances
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import resolve_method
 from eaves.model import Failure, Points

@@ -20,7 +20,7 @@ from benchmarks.table import keep
 from eaves.blocks.block_file import CANDIDATE_HEIGHT
 from eaves.buildings.gather import MARGIN
 from eaves.detect import detect_buildings
-from eaves.evaluate.footprints import count_vertices, outline_distances
+from eaves.evaluate.footprint_scores import count_vertices, outline_distances
 from eaves.footprints.read import repair_footprints
 from eaves.footprints.snap import snap_footprints
 from eaves.formats import read

@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.accuracy.detection import rates, top_of_cells
 from benchmarks.table import commit_now, keep, kept_rows
-from eaves.evaluate.detection import evaluate_detection, label_objects
+from eaves.evaluate.detection_scores import evaluate_detection, label_objects
 from eaves.evaluate.images import burn_labels
 from eaves.model import Raster
 from eaves.model.cloud import BUILDING, GROUND

@@ -123,7 +123,7 @@ def row_of(name: str, out: Path, done: Updated, cost: Cost, whole: Path | None) 
     """A row of the table."""
     before, after = (
         lines_of(out / "buildings.city.jsonl"),
-        lines_of(done.summary.folder / "buildings.city.jsonl"),
+        lines_of(done.folder / "buildings.city.jsonl"),
     )
     versions = done.versions
     touched = {*versions.new, *versions.remodelled}
@@ -132,7 +132,7 @@ def row_of(name: str, out: Path, done: Updated, cost: Cost, whole: Path | None) 
     kept = sum(one in after for one in others)
     law = "–"
     if whole is not None:
-        mine, full = geometry(done.summary.folder), set(geometry(whole).values())
+        mine, full = geometry(done.folder), set(geometry(whole).values())
         law = f"{sum(mine[one] in full for one in touched)} of {len(touched)}"
     share, less = cost.update / cost.full, (cost.update - cost.reading) / cost.full
     cells = [
@@ -154,7 +154,7 @@ def row_of(name: str, out: Path, done: Updated, cost: Cost, whole: Path | None) 
 def reading_of(done: Updated) -> float:
     """Processor time (s) of reading: the new points, and the inputs whose classified copies are written anew
     with these."""
-    seconds = done.summary.seconds
+    seconds = done.seconds
     return float(seconds.get("read", 0.0) + seconds.get("write classified", 0.0))
 
 

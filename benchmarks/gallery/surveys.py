@@ -22,9 +22,9 @@ from scipy import ndimage
 
 import eaves
 from benchmarks.gallery.solids import FOLDER, save_small
+from eaves.flow.results import table_of
 from eaves.formats.rasters.geotiff import read_raster
 from eaves.model import Raster
-from eaves.report.notebook import footprint_frame
 from eaves.run.manifest import read_facts
 
 SURVEYS: dict[str, tuple[str, str | None]] = {
@@ -77,7 +77,7 @@ class Found:
 
 def found_of(folder: Path, scale: float) -> list[Found]:
     """The footprints of a run, worst first: the large ones that failed, are doubted or fit badly."""
-    frame = footprint_frame(folder)
+    frame = table_of(folder, "footprints")
     finest = frame.lod.max() if len(frame) else ""
     found = []
     for row in frame.itertuples():

@@ -9,6 +9,10 @@ Names load their module when they are first used; `dir(eaves)` lists them all.
 """
 
 import functools
+import types
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
 
 import lazy_loader
 
@@ -22,4 +26,24 @@ def __getattr__(name: str) -> object:
         from importlib.metadata import version
 
         return version("eaves")
-    return _load(name)
+    thing = _load(name)
+    globals()[name] = thing = _by_call(thing) if isinstance(thing, types.FunctionType) else thing
+    return thing
+
+
+def _by_call(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, whose refusals name keywords where those of the command name its options."""
+
+    @functools.wraps(function)
+    def called(*args: Any, **options: Any) -> Any:
+        try:
+            return function(*args, **options)
+        except (TypeError, ValueError) as error:
+            if "--" in str(error) and len(error.args) == 1:
+                spoken = import_module(
+                    "eaves.run.options"
+                ).in_python  # by string: the package imports no room
+                error.args = (spoken(str(error)),)
+            raise
+
+    return called

@@ -1,3 +1,4 @@
+from . import evaluate as evaluate
 from .change.compare import compare as compare
 from .change.upkeep.update import update as update
 from .detect import Detector as Detector
@@ -9,6 +10,10 @@ from .detect.height_texture import HeightTexture as HeightTexture
 from .detect.normal_echo import NormalEcho as NormalEcho
 from .detect.planar_patches import PlanarPatches as PlanarPatches
 from .detect.roof_attributes import RoofAttributes as RoofAttributes
+from .flow.results import Results as Results
+from .flow.results import open_results as open_results
+from .flow.results import to_geopandas as to_geopandas
+from .flow.results import to_trimesh as to_trimesh
 from .formats import InputError as InputError
 from .formats import read as read
 from .ground import GroundMethod as GroundMethod
@@ -54,9 +59,7 @@ from .reconstruct.moments import Moments as Moments
 from .reconstruct.plane_intersection import PlaneIntersection as PlaneIntersection
 from .reconstruct.prism import Prism as Prism
 from .report.build import build as build
-from .report.notebook import Results as Results
-from .report.notebook import to_geopandas as to_geopandas
-from .report.notebook import to_trimesh as to_trimesh
+from .report.build import find_buildings as find_buildings
 from .roof import RoofMethod as RoofMethod
 from .roof import segment_roof as segment_roof
 from .roof.global_refinement import GlobalRefinement as GlobalRefinement

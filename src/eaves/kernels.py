@@ -9,12 +9,19 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import logging
+import os
 from collections.abc import Callable
+from multiprocessing import parent_process
+from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
 import numpy as np
 
+log = logging.getLogger("eaves.kernels")
+
+FIRST_USE = "first use: loops are compiled once for this machine, a minute or two"
 CONTIGUOUS, FORTRAN, ALIGNED, WRITEABLE = 0x1, 0x2, 0x100, 0x400
 """The flags of an array (`numpy.ndarray.flags.num`) that decide which code fits it."""
 SCALARS = {float: "float", int: "int", bool: "bool", np.float64: "float", np.int64: "int", np.bool_: "bool"}
@@ -58,6 +65,7 @@ class Kernel:
         entry = table.get(f"{self.name}({', '.join(map(sort_of, args))})") if table else None
         if entry is not None and entry[0] == self.fingerprint:
             return entry[1]
+        say_first_use()
         by_numba: Callable[..., Any] = self.dispatcher
         return by_numba
 
@@ -109,6 +117,24 @@ def sort_of(value: Any) -> str:
         kind = "" if type(value) is tuple else f"{type(value).__module__}.{type(value).__qualname__}"
         return f"{kind}({', '.join(map(sort_of, value))})"
     return SCALARS.get(type(value), type(value).__name__)
+
+
+@functools.cache
+def say_first_use() -> None:
+    """Say once, in the first of a run's processes, that loops are compiled, where none are yet."""
+    if parent_process() is None and is_first_use():
+        log.warning(FIRST_USE)
+
+
+def is_first_use() -> bool:
+    """True if the package brings no compiled loops, and numba keeps none."""
+    return not library() and not compiled_pieces()
+
+
+def compiled_pieces() -> int:
+    """The number of loops that numba keeps compiled for eaves: none before the first run."""
+    place = os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent
+    return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
 @functools.cache

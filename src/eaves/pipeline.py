@@ -19,17 +19,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from eaves.buildings.building_file import Kept
 from eaves.flow import region as steps
 from eaves.flow.outputs import finished_models, write_outputs
 from eaves.flow.refusals import edits_and_work
+from eaves.flow.results import ModelledBuildings
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.flow.step import Region
 from eaves.flow.tiles import WHOLE, Area, areas, leave
 from eaves.formats.atomic import clear_leftovers, report_full_disk
-from eaves.model import Block, BuildingModel, CoordinateSystem, Failure, Provenance
+from eaves.model import Block
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import BUILDINGS
@@ -98,29 +99,6 @@ def build(
     return summary.checked(allow_failures)
 
 
-class ModelledBuildings(NamedTuple):
-    """The buildings of inputs as `build` writes them.
-
-    Parameters
-    ----------
-    models : list of BuildingModel or Failure
-        In metres about the origins of their footprints.
-    system : CoordinateSystem
-        What files of them are written in.
-    provenance : Provenance
-        What they are made from.
-
-    Examples
-    --------
-    >>> import eaves
-    >>> models, system, provenance = eaves.model_buildings("tile.laz")    # doctest: +SKIP
-    """
-
-    models: list[BuildingModel | Failure]
-    system: CoordinateSystem
-    provenance: Provenance
-
-
 @list_options
 def model_buildings(
     inputs: str | Path | Sequence[str | Path], recipe: Recipe | None = None, **options: Unpack[RunOptions]
@@ -162,7 +140,7 @@ def model_buildings(
         run = open_run(inputs, Path(folder) / "out", recipe, **options)
         with hold_folder(run) as workers:
             region = steps.open_region(run, workers, no_progress)
-            models = list(finished_models(Kept(region.store), find_buildings(region)))
+            models = list(finished_models(Kept(region.store), compute_buildings(region)))
         buildings = ModelledBuildings(models, region.store.system, run.provenance)
         if region.failed:
             raise IncompleteRunError(region.failed, buildings)
@@ -212,13 +190,13 @@ def build_region(
 ) -> Summary:
     """All files of a region; its results go when nothing failed."""
     steps.drop_upkeep(region)
-    owners = correct(region, find_buildings(region))
+    owners = correct(region, compute_buildings(region))
     summary = write_outputs(region, owners, sink)
     steps.end_region(region, summary.complete)
     return summary
 
 
-def find_buildings(region: Region) -> list[Block]:
+def compute_buildings(region: Region) -> list[Block]:
     """Every step from the files to the buildings, all at once or tile by tile; the blocks that own them."""
     for area in areas(region):
         plans = find_plans(region, area)

@@ -219,7 +219,7 @@ def test_an_update_gives_what_a_build_of_what_stays_and_what_is_new_gives(
 @pytest.mark.slow
 def test_the_classified_points_withhold_what_gave_way(epochs: Path, updated: Updated) -> None:
     las = laspy.read(epochs / "out2" / "classified_points.laz")
-    assert int(np.sum(las.withheld)) == updated.points[1] > 0
+    assert int(np.sum(las.withheld)) == updated.points_changed[1] > 0
 
 
 @pytest.mark.slow
@@ -374,7 +374,7 @@ def test_points_known_already_change_nothing(epochs: Path, tmp_path: Path) -> No
     tile.points = las.points[np.asarray(las.x) < np.floor(np.median(las.x))].copy()
     tile.write(tmp_path / "again.laz")
     done = update(epochs / "out", tmp_path / "again.laz", tmp_path / "out2", date="2026-05-01")
-    assert (done.points, done.blocks[0]) == ((0, 0), 0)
+    assert (done.points_changed, done.blocks[0]) == ((0, 0), 0)
     named = done.versions
     assert not (named.new or named.remodelled or named.gone)
     old, new = (place / "buildings.city.jsonl" for place in (epochs / "out", tmp_path / "out2"))
@@ -390,7 +390,7 @@ def test_names_of_an_update_stay_in_one_that_changes_nothing(
 ) -> None:
     shutil.copy(epochs / "tiles" / f"{RAISED}.laz", tmp_path / "again.laz")
     done = update(epochs / "out2", tmp_path / "again.laz", tmp_path / "out3", date="2027-05-01")
-    assert (done.points, done.blocks[0]) == ((0, 0), 0)
+    assert (done.points_changed, done.blocks[0]) == ((0, 0), 0)
     old, new = (place / "buildings.city.jsonl" for place in (epochs / "out2", tmp_path / "out3"))
     assert lines_of(old) == lines_of(new)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from eaves.cli import app as cli
-from eaves.cli import progress
 from eaves.model.summary import Summary
+from eaves.report import progress
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 

@@ -9,7 +9,7 @@ import shapely
 from shapely import Polygon, affinity
 
 from eaves.evaluate import evaluate_footprints
-from eaves.evaluate.footprints import polis
+from eaves.evaluate.footprint_scores import polis
 
 HOUSE = shapely.box(0, 0, 10, 8)
 SHED = shapely.box(20, 0, 24, 4)

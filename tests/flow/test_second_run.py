@@ -65,12 +65,12 @@ def test_edits_stay_unless_overwritten(nine_roofs_file: Path, out: Path, tmp_pat
     with closing(sqlite3.connect(out / "footprints.gpkg")) as layer:
         (name,) = layer.execute("SELECT id FROM footprints").fetchone()
     (tmp_path / "verdicts.csv").write_text(f"id,verdict\n{name},no building\n")
-    assert update(out, edits=tmp_path / "verdicts.csv").summary.found == 8
+    assert update(out, edits=tmp_path / "verdicts.csv").found == 8
     before = (out / "edits.gpkg").read_bytes()
     with pytest.raises(InputError, match=r"edits.gpkg: holds edits of \d+ \w+ \d{4}; .* --overwrite"):
         build_again(nine_roofs_file, out)
     assert (out / "edits.gpkg").read_bytes() == before
-    assert update(out).summary.found == 8
+    assert update(out).found == 8
     before = (out / "edits.gpkg").read_bytes()
     assert build_again(nine_roofs_file, out, overwrite=True).found == 9
     assert not (out / "edits.gpkg").exists()
@@ -84,7 +84,7 @@ def test_edits_are_carried_to_a_new_build__and_those_without_a_building_are_name
         names = [name for (name,) in layer.execute("SELECT id FROM footprints")]
     verdicts = f"id,verdict\n{names[0]},no building\n{names[1]},flat roof\n"
     (tmp_path / "verdicts.csv").write_text(verdicts)
-    assert update(out, edits=tmp_path / "verdicts.csv").summary.found == 8
+    assert update(out, edits=tmp_path / "verdicts.csv").found == 8
     right = (out / MODELS).read_text()
     edits = read_edits(out / "edits.gpkg", CoordinateSystem())
     for options in ({"keep": True}, {}):
@@ -174,7 +174,7 @@ def test_what_a_person_saves_while_a_run_computes_is_kept(nine_roofs_file: Path,
 def test_columns_of_a_layer_whose_edits_are_taken_are_kept(nine_roofs_file: Path, out: Path) -> None:
     execute(out / "footprints.gpkg", "ALTER TABLE footprints ADD COLUMN mine TEXT")
     before = (out / "footprints.gpkg").read_bytes()
-    assert update(out).summary.found == 9
+    assert update(out).found == 9
     assert (out / "before-1" / "footprints.gpkg").read_bytes() == before
 
 
@@ -201,7 +201,7 @@ def test_a_reader_sees_the_old_or_the_new_file(
         if by == "build":
             assert build_again(nine_roofs_file, out, bounds=HALF).found < 9
         else:
-            assert update(out, edits=tmp_path / "verdicts.csv").summary.found == 8
+            assert update(out, edits=tmp_path / "verdicts.csv").found == 8
         assert reader.execute(query).fetchone() == old
         assert first and len(table.readlines()) == 9
     with closing(sqlite3.connect(out / "footprints.gpkg")) as later:

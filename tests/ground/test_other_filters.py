@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eaves.evaluate.ground import evaluate_ground
+from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.contours import Contour, ContourGround
 from eaves.ground.smooth_region import SmoothRegion

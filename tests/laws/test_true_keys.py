@@ -22,7 +22,7 @@ from eaves.flow.run import Run, no_progress, open_run
 from eaves.flow.step import Input, Region, Step, bring, home_of
 from eaves.flow.steps import SHOWN, STEPS
 from eaves.model import Block
-from eaves.pipeline import build_run, end_run, find_buildings, hold_folder
+from eaves.pipeline import build_run, compute_buildings, end_run, hold_folder
 from eaves.reconstruct.overhangs import OverhangRules
 from eaves.run.keys import Sources, package_sources
 from eaves.run.part_file import PartFile
@@ -214,7 +214,7 @@ class Again:
 
     def computed(self, region: Region) -> dict[str, set[Block]]:
         """Units of each step, the edits among them: every roof is said to be flat."""
-        find_buildings(region)
+        compute_buildings(region)
         outlines = outlines_in(as_found(region.store), SIDE)
         correct(region, [Edit(FLAT_ROOF, outline, name) for name, outline in outlines.items()])
         bring(region, SHOWN, region.blocks)

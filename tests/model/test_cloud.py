@@ -78,3 +78,33 @@ def test_order_is_known_while_points_are_picked_and_forgotten_when_they_move() -
     assert not cloud.with_(xyz=cloud.xyz[::-1]).ordered
     assert cloud.about((240.0, 0.0)).ordered
     assert not cloud.about((0.5, 0.0)).ordered
+
+
+def test_world_coordinates_without_an_origin_are_counted_from_a_block() -> None:
+    world = np.array([[85012.0, 447001.0, 3.0], [85014.5, 447000.5, 4.0]])
+    given, made = PointCloud(world), PointCloud.from_world(world)
+    assert given.origin == made.origin == (84960.0, 446880.0) and np.array_equal(given.xyz, made.xyz)
+    assert np.allclose(given.world, world) and given.crs is None
+    near = PointCloud(world - [85000.0, 447000.0, 0.0])
+    assert near.origin == (0.0, 0.0) and np.array_equal(near.world, near.xyz)
+
+
+def test_a_cloud_is_indexed_as_an_array() -> None:
+    cloud = PointCloud(np.arange(30.0).reshape(10, 3), classification=np.arange(10, dtype=np.uint8))
+    assert cloud[cloud.xyz[:, 2] > 20].classification.tolist() == [7, 8, 9]  # type: ignore[union-attr]
+    assert cloud[2:4].xyz.tolist() == [[6, 7, 8], [9, 10, 11]]
+    assert len(cloud[5]) == 1 and len(cloud[np.array([1, 8])]) == 2 and len(cloud[:0]) == 0
+
+
+@pytest.mark.parametrize("given", [[[1, 2, 3]], np.ones((2, 3), int), np.ones((3, 4), np.float32).T[:, :3]])
+def test_numbers_of_any_kind_are_points(given: object) -> None:
+    xyz = PointCloud(given).xyz  # type: ignore[arg-type]
+    assert xyz.dtype == np.float64 and xyz.flags.c_contiguous and np.array_equal(xyz, np.asarray(given))
+
+
+def test_float32_says_how_much_it_lost(caplog: pytest.LogCaptureFixture) -> None:
+    PointCloud(np.full((2, 3), 446000.0, np.float32))
+    assert "float32, whose steps at 446000 are 3.1 cm" in caplog.text
+    caplog.clear()
+    PointCloud(np.full((2, 3), 20.0, np.float32))
+    assert not caplog.records

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+import eaves
 from eaves.model.summary import Summary
 from eaves.report.plots.drawings import agreement, cut_lines, cut_triangles, view_matrix
 from eaves.report.plots.plot import plot_run
@@ -64,23 +65,22 @@ def test_pieces_of_faces_and_edges_keep_area_and_length() -> None:
 
 def test_a_summary_shows_itself_and_gives_arrays(nine_run: Summary) -> None:
     assert "buildings found" in nine_run._repr_html_()
-    points = nine_run.point_arrays()
-    assert len(points) == points.total == nine_run.points
-    one = nine_run.point_arrays(building=1)
+    points = nine_run.point_cloud()
+    assert len(points) == nine_run.points
+    one = nine_run.point_cloud(building=1)
     assert 0 < len(one) < len(points)
-    assert set(one.building) == {1}
+    assert set(one.fields["building_id"]) == {1}
 
 
 @pytest.mark.parametrize("name", ["geopandas", "trimesh"])
 def test_frames_and_meshes_come_or_name_the_package_that_is_missing(nine_run: Summary, name: str) -> None:
-    give = nine_run.footprints if name == "geopandas" else nine_run.meshes
+    made = "footprints" if name == "geopandas" else "models"
     if importlib.util.find_spec(name) is None:
         with pytest.raises(ImportError, match=r"\.\[notebook\]"):
-            give()
+            getattr(nine_run, made)
         return
     if name == "geopandas":
-        assert len(give()) == nine_run.found
+        assert len(nine_run.footprints) == nine_run.found == len(eaves.open_results(nine_run.folder))
     else:
-        meshes = give()
-        assert len(meshes) == nine_run.modelled
-        assert all(mesh.is_watertight and mesh.volume > 0 for mesh in meshes.values())
+        assert len(nine_run.models) == nine_run.modelled
+        assert all(mesh.is_watertight and mesh.volume > 0 for mesh in nine_run.models.values())

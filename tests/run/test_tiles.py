@@ -160,5 +160,5 @@ def test_a_run_by_tiles_is_opened_again_for_edits(crossed: Path, tmp_path: Path)
     name = json.loads((tmp_path / "buildings.city.jsonl").read_text("utf-8").splitlines()[1])["id"]
     (tmp_path / "edits.csv").write_text(f"id,verdict\n{name},no building\n", encoding="utf-8")
     done = update(tmp_path, edits=tmp_path / "edits.csv")
-    assert (done.summary.found, done.corrected.removed) == (8, (name,))
+    assert (done.found, done.corrected.removed) == (8, (name,))
     assert read_facts(tmp_path)["request"]["options"]["per_tile"]

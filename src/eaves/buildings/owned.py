@@ -34,7 +34,6 @@ from eaves.model import (
     Finding,
     Footprint,
     Points,
-    Raster,
     RoofPlane,
 )
 from eaves.model.checks import error_line, is_array
@@ -42,7 +41,7 @@ from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
-from eaves.raster.surfaces import CELL
+from eaves.raster.surfaces import CELL, heights_under
 from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.stage import FALLBACK
 from eaves.roof import segment_roof
@@ -349,19 +348,6 @@ def name_footprint(footprint: Footprint, building: BuildingPoints) -> Footprint:
     row = int((point.y + owner.origin[1] - block.origin[1]) / CELL)
     name = f"b{block.column}_{block.row}_{column}_{row}"
     return footprint.with_(origin=owner.origin, score=building.score, id=name)
-
-
-def heights_under(
-    footprint: Footprint, terrain: Raster, nearest: Points | None = None
-) -> tuple[float, float]:
-    """The lowest terrain height on the outline, or of the nearest ground where that is given, and its 5th
-    percentile (m); NaN where no terrain is known."""
-    rim = shapely.segmentize(footprint.polygon, terrain.cell)
-    heights = terrain.at(shapely.get_coordinates(rim)) if nearest is None else nearest[:, 2]
-    heights = heights[np.isfinite(heights)]
-    if len(heights) == 0:
-        return float("nan"), float("nan")
-    return float(heights.min()), float(np.percentile(heights, 5))
 
 
 def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shapely import MultiPolygon, Polygon
 
@@ -11,6 +11,10 @@ from eaves.change.epoch import Epoch
 from eaves.change.shift import Shift
 from eaves.change.verdict import NOT_COVERED, UNCHANGED, UNCLEAR, Verdict
 from eaves.flow.advice import FEWEST
+from eaves.flow.results import frame_of
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
 
 SEEN_WELL, SURE_SCORE = 0.8, 0.9
 """Share of a roof that the other epoch shows, and the score of what one run alone has: see `certainty`."""
@@ -95,6 +99,12 @@ class Comparison:
     def densities(self) -> tuple[float, float]:
         """Points a square metre."""
         return self.spacings[0] ** -2, self.spacings[1] ** -2
+
+    @property
+    def table(self) -> GeoDataFrame:
+        """One row a building, as changes.gpkg has it, as a geopandas.GeoDataFrame."""
+        rows, shapes = [one.row for one in self.changes], [one.polygon for one in self.changes]
+        return frame_of(rows, shapes, self.old.system)
 
     @property
     def counts(self) -> dict[str, int]:

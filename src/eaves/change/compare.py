@@ -164,7 +164,7 @@ class Comparer:
         moved = after.xyz - self.measured.shift.vector
         core = Bounds(0.0, 0.0, block.side, block.side)
         clouds = ((before, before.xyz), (after, moved))
-        near = tree.query(shapely.box(*vars(block.bounds.buffered(REACH)).values()))
+        near = tree.query(shapely.box(*block.bounds.buffered(REACH)))
         local = {
             int(k): shapely.transform(sites[k].polygon, lambda xy: xy - np.array(block.origin)) for k in near
         }
@@ -226,7 +226,7 @@ class Comparer:
         if not len(xyz):
             return owner, of
         buildings = (self.old, self.new)[epoch].buildings
-        box = shapely.box(*vars(block.bounds.buffered(REACH)).values())
+        box = shapely.box(*block.bounds.buffered(REACH))
         around = np.sort(self.trees[epoch].query(box, predicate="intersects"))
         outlines = shapely.transform(
             np.array([buildings[number].polygon for number in around], object),

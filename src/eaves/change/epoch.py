@@ -122,7 +122,7 @@ class Epoch:
         """A rectangle that holds another in the other system."""
         if self._move is None:
             return bounds
-        west, south, east, north = vars(bounds).values()
+        west, south, east, north = bounds
         corners = np.array([[west, south], [west, north], [east, south], [east, north]])
         return Bounds.of(self.plane(corners, way)).buffered(TURNED * max(bounds.width, bounds.height))
 

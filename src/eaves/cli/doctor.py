@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from eaves.cli.progress import compiled_pieces
-from eaves.kernels import library
+from eaves.kernels import compiled_pieces, library
 from eaves.run.memory import physical_memory
 
 LIBRARIES = ("numpy", "scipy", "numba", "laspy", "lazrs", "shapely", "pyproj", "rasterio", "pyogrio")

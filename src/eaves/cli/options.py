@@ -163,39 +163,12 @@ def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
 
 
 def given_value(one: Declared, value: Any) -> Any:
-    """The typed value of an option as a run takes it.
-
-    Raises
-    ------
-    ValueError
-        When it is no list of numbers and has to be one.
-    """
+    """The value of an option as a run takes it."""
     from eaves.run.options import METHOD_OPTIONS
 
-    if not isinstance(value, str) or not value:
-        return None if value == "" else value
-    if one.name in METHOD_OPTIONS:
-        return {"method": value}
-    if one.name == "bounds":
-        return parse_numbers(
-            value, float, f"--bounds {value}: not four numbers; write west,south,east,north", 4
-        )
-    if "Sequence[int]" in one.words:
-        return parse_numbers(value, int, f"{one.flag} {value}: not whole numbers; write them as in 2,6")
-    if "Sequence" in one.words:
-        return tuple(name.strip() for name in value.split(",") if name.strip())
-    return value
-
-
-def parse_numbers(text: str, kind: type, refusal: str, count: int | None = None) -> tuple[Any, ...]:
-    """The numbers of an option, by commas; ValueError with `refusal` where they are none."""
-    try:
-        numbers = tuple(kind(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(refusal) from None
-    if count is not None and len(numbers) != count:
-        raise ValueError(refusal)
-    return numbers
+    if value == "":
+        return None
+    return {"method": value} if one.name in METHOD_OPTIONS and value is not None else value
 
 
 PANELS = ("input", "methods", "output", "run", "expert")

@@ -177,15 +177,16 @@ def read_recipe(
     from dataclasses import replace
 
     from eaves.flow.run import recipe_of
-    from eaves.run.options import DEFAULT_OPTIONS, METHOD_OPTIONS
+    from eaves.run.options import METHOD_OPTIONS, check_options
 
+    options.update(check_options(options))
     tables, settings = read_config(given[0]), read_settings(given[1] or ())
     for stage in {*tables, *settings}:
-        named = {**tables.get(stage, {}), **options.get(stage, {}), **settings.get(stage, {})}  # type: ignore[dict-item]
+        named = {**tables.get(stage, {}), **(options.get(stage) or {}), **settings.get(stage, {})}  # type: ignore[dict-item]
         options[stage] = named  # type: ignore[literal-required]
     given_methods: dict[str, Any] = {stage: options.get(stage) for stage in METHOD_OPTIONS}
     look_in_this_folder([str(table.get("method")) for table in given_methods.values() if table])
-    recipe = recipe_of({**DEFAULT_OPTIONS, **options})
+    recipe = recipe_of(options)
     return replace(recipe, detect=None) if ground_only else recipe
 
 
@@ -289,17 +290,18 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
         warnings.simplefilter("ignore")
         logging.getLogger().handlers[:] = logging.getLogger().handlers or [logging.NullHandler()]
     logger.setLevel(level)
+    logging.getLogger("eaves.kernels").setLevel(logging.ERROR)  # `run_display` says it
 
 
 @contextmanager
 def run_display(quiet: bool) -> Iterator[Any]:
     """The progress of a run; in a first run also that of compiling."""
-    from eaves.cli.progress import compilation_shown, compiled_pieces
-    from eaves.kernels import library
+    from eaves.kernels import FIRST_USE, is_first_use
+    from eaves.report.progress import compilation_shown
 
-    compiling = not library() and not compiled_pieces()
+    compiling = is_first_use()
     if compiling and not quiet:
-        typer.echo("first run: loops are compiled once for this machine, a minute or two", err=True)
+        typer.echo(FIRST_USE, err=True)
     with (
         progress_display(quiet, compiling) as progress,
         compilation_shown(compiling and not quiet, progress),
@@ -310,7 +312,7 @@ def run_display(quiet: bool) -> Iterator[Any]:
 def progress_display(quiet: bool, compiling: bool = False) -> Any:
     """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
     quiet."""
-    from eaves.cli.progress import bars, lines, nothing
+    from eaves.report.progress import bars, lines, nothing
 
     if quiet:
         return nothing()

@@ -108,6 +108,6 @@ def update(
         typer.echo(f"results in {out or folder}")
     for line in (*done.corrected.conflicts, *done.corrected.failed) if quiet else ():
         typer.echo(line, err=True)
-    for reason in done.summary.failed:
+    for reason in done.failed:
         typer.echo(f"incomplete: {reason}", err=True)
-    raise typer.Exit(COMPLETE if done.summary.complete and not done.corrected.failed else INCOMPLETE)
+    raise typer.Exit(COMPLETE if done.complete and not done.corrected.failed else INCOMPLETE)

@@ -19,8 +19,9 @@ from eaves.methods import (
     naming,
     resolve_method,
 )
-from eaves.model import Labels, Points, Regions, Scene
+from eaves.model import Labels, PointCloud, Points, Regions, Scene
 from eaves.model.checks import check_type, is_array
+from eaves.raster.surfaces import make_scene
 
 MIN_AREA_M2 = 6.0
 MIN_HEIGHT_M = 2.0
@@ -61,7 +62,7 @@ class Detector(Method):
 
 
 def detect_buildings(
-    scene: Scene,
+    scene: Scene | PointCloud,
     method: MethodChoice = None,
     *,
     min_area: float = MIN_AREA_M2,
@@ -72,8 +73,8 @@ def detect_buildings(
 
     Parameters
     ----------
-    scene : Scene
-        A classified cloud of N points with its terrain and surface (`make_scene`).
+    scene : Scene or PointCloud
+        A classified cloud of N points, or that with its terrain and surface (`make_scene`).
     method : Detector, str, mapping or None
         The detector, its name, or its parameters; None is `Consensus()`.
     min_area : float
@@ -101,12 +102,14 @@ def detect_buildings(
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> cloud = truth.classified()
-    >>> scene = eaves.make_scene(cloud, cloud.bounds)
+    >>> scene = eaves.make_scene(cloud)
     >>> regions = eaves.detect_buildings(scene)
     >>> int(regions.label.max()), len(regions.label) == len(cloud)
     (9, True)
     """
-    check_type(scene, Scene, "scene", "use eaves.make_scene(cloud, cloud.bounds)")
+    if isinstance(scene, PointCloud):
+        scene = make_scene(scene)
+    check_type(scene, Scene, "scene", "use eaves.make_scene(cloud)")
     detector = resolve_method("detect", method)
     assert isinstance(detector, Detector)
     order = scene.cloud.canonical_order()

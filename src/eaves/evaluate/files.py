@@ -12,9 +12,9 @@ import pyogrio
 from scipy.spatial import cKDTree
 
 from eaves.evaluate.city import read_buildings, roofs_of
-from eaves.evaluate.detection import evaluate_detection
-from eaves.evaluate.footprints import Shapes, evaluate_footprints
-from eaves.evaluate.ground import evaluate_ground
+from eaves.evaluate.detection_scores import evaluate_detection
+from eaves.evaluate.footprint_scores import Shapes, evaluate_footprints
+from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.evaluate.images import (
     CELL,
     burn_labels,

@@ -14,7 +14,7 @@ from rasterio.features import rasterize
 from shapely import MultiPolygon, Polygon
 
 from eaves.evaluate.city import read_buildings
-from eaves.evaluate.detection import label_objects
+from eaves.evaluate.detection_scores import label_objects
 from eaves.formats import InputError, read, read_polygons, read_raster
 from eaves.geometry.roof_fit import RoofFaces
 from eaves.model import (

@@ -16,11 +16,11 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.evaluate.city import CityBuilding, roofs_of
-from eaves.evaluate.footprints import mean_of, pair_by_overlap
+from eaves.evaluate.footprint_scores import mean_of, pair_by_overlap
 from eaves.evaluate.scores import ratio, root_mean_square
 from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import Finding, Points, Values
-from eaves.model.checks import check_points
+from eaves.model.checks import as_points
 
 WITHIN = (0.1, 0.2, 0.5)
 """Distances (m) within which the share of roof points is reported."""
@@ -173,7 +173,7 @@ def evaluate_models(
     >>> bool(score.median_m < 0.03)
     True
     """
-    check_points(points)
+    points = as_points(points)
     origin = _origin(points, models)
     local = points - [*origin, 0.0]
     building = _footprint_at(local, footprints, origin)

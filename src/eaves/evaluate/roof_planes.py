@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from eaves.evaluate.detection import ObjectRow, object_rows
+from eaves.evaluate.detection_scores import ObjectRow, object_rows
 from eaves.evaluate.matching import Matching, match_objects, rim_distances, rim_of
 from eaves.evaluate.scores import Agreement, root_mean_square
 from eaves.model import Integers, Values

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import shapely
 from shapely import Polygon
 
 from eaves.figures.party_walls import envelope_figures
 from eaves.figures.trust import judge
 from eaves.geometry.face_table import FaceTable
-from eaves.model import OVERHANGS, ROOF_SURFACE, BuildingModel, Failure, Footprint
+from eaves.model import OVERHANGS, ROOF_SURFACE, BuildingModel, Failure
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ class BuildingRow:
         map_columns = {f"given_{key}": value for key, value in footprint.attributes.items()}
         modelled = isinstance(result, BuildingModel)
         return cls(
-            world_polygon(footprint),
+            footprint.world,
             row,
             map_columns,
             list(roof_rows(result)),
@@ -57,11 +56,6 @@ class BuildingRow:
         if walls is not None:
             floors = envelope_figures(walls, self.values, self.polygon.area, self.given.get("given_storeys"))
         return {**self.values, "number": number, **floors, **self.given}
-
-
-def world_polygon(footprint: Footprint) -> Polygon:
-    """The footprint's polygon in world metres."""
-    return shapely.transform(footprint.polygon, lambda xy: xy + np.array(footprint.origin))
 
 
 def building_row(result: BuildingModel | Failure) -> dict[str, Any]:

@@ -103,7 +103,7 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
     extent = box_text(boxes, index.system)
     bounds = window.bounds
     if bounds is not None and not index.meeting(bounds.buffered(BOX_TOLERANCE)).any():
-        asked = box_text(list(vars(bounds).values()), index.system)
+        asked = box_text(list(bounds), index.system)
         raise InputError(
             f"--bounds {asked}: no point lies there: the headers put them within {extent}; check the "
             f"numbers, {ANYWAY}"
@@ -114,7 +114,7 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
         if not window.clip.is_empty:
             place = f"lies within {box_text(window.clip.bounds, index.system)}"
         raise InputError.about(
-            options["clip"] or "--clip",
+            str(options["clip"] or "--clip"),
             f"no point lies in its area, which {place}: the headers put them within {extent}",
             f"check its coordinate system, {ANYWAY}",
         )

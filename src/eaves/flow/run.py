@@ -273,11 +273,11 @@ def plan_run(
     remarks = [remark for path in paths for remark in remarks_on(path)] if rasters else []
     index = index_inputs(
         paths,
-        options["crs"],
+        options["crs"],  # type: ignore[arg-type] # checked
         failed,
         lambda done, total: progress("index", done, total),
         options["crs_force"],
-        options["to_crs"],
+        options["to_crs"],  # type: ignore[arg-type] # checked
         remarks,
     )
     options["to_crs"] = index.to_crs  # an update, whose first file may be another one, keeps to it
@@ -368,7 +368,7 @@ def recipe_of(options: RunOptions) -> Recipe:
         source=options["source"],
         published=options["as_published"],
         use_classes=options["use_classes"] or options["dtm"] is not None,
-        lod=options["lod"],
+        lod=options["lod"],  # type: ignore[arg-type] # checked
         building_classes=options["building_classes"],
         ground_classes=options["ground_classes"],
         classes=options["classes"],
@@ -499,7 +499,7 @@ def describe_plan(
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "buffer": recipe.buffer,
         "wide_buffer": recipe.wide_buffer,
-        "bounds": None if bounds is None else list(vars(bounds).values()),
+        "bounds": None if bounds is None else list(bounds),
         **hashes,
         "footprint_source": None if known is None else known.describe(),
         **{name: options.get(name) for name, declared in DECLARED.items() if declared.option.recorded},

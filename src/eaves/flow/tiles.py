@@ -68,7 +68,7 @@ def plan_tiles(index: Index, side: float, bounds: Bounds | None = None) -> list[
     """The tiles of a side (m) that the inputs' boxes meet, and the bounds where given, in order."""
     boxes = index.entries["box"][index.entries["count"] > 0]
     if bounds is not None:
-        limits = list(vars(bounds).values())
+        limits = list(bounds)
         boxes = np.hstack([np.maximum(boxes[:, :2], limits[:2]), np.minimum(boxes[:, 2:], limits[2:])])
         boxes = boxes[(boxes[:, :2] <= boxes[:, 2:]).all(axis=1)]
     places = set[tuple[int, int]]()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import pyproj
 from pyproj.crs import CompoundCRS
@@ -22,6 +23,12 @@ LIKELY = 25
 """PROJ's confidence (%) in a registered system whose name and parameters fit, and whose axes do not."""
 SAME_UNIT = 1e-9
 """Relative difference under which two units are one: the two feet differ by 2e-6."""
+
+
+def crs_text(crs: Any) -> str:
+    """The text, as `parse_crs` takes it, of a code, of a text, or of what geopandas, pyproj and rasterio name
+    a system by."""
+    return crs.to_wkt() if hasattr(crs, "to_wkt") else f"EPSG:{crs}" if isinstance(crs, int) else str(crs)
 
 
 def parse_crs(text: str, path: str | Path = "--crs") -> pyproj.CRS:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from eaves.kernels import kernel
 from eaves.model import Integers, Points, Values
+from eaves.model.checks import check_positive
 
 POINTS_PER_CELL = 8
 """Mean number of points in a cell that is occupied: of mean 8, one Poisson cell in 3,000 is empty."""
@@ -142,6 +143,14 @@ def measure_spacing(xyz: Points) -> float:
     if len(xyz) < 2:
         return 1.0
     return float(spacing_kernel(xyz))
+
+
+def given_spacing(spacing: float | None, xyz: Points) -> float:
+    """A spacing (m) that was given, checked, or that of points (N, 2 or 3) that have coordinates."""
+    if spacing is None:
+        return measure_spacing(xyz)
+    check_positive(spacing, "spacing")
+    return spacing
 
 
 @kernel

@@ -137,6 +137,8 @@ def classify_ground(
     >>> bool(wrong.mean() < 0.05)
     True
     """
+    if hasattr(cloud, "header"):  # of laspy
+        cloud = PointCloud.from_laspy(cloud)
     check_type(cloud, PointCloud, "cloud", "use eaves.read(path) or PointCloud.from_world(xyz)")
     filter_ = resolve_method("ground", method)
     assert isinstance(filter_, GroundMethod)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -30,14 +31,18 @@ class Bounds:
     Examples
     --------
     >>> from eaves import Bounds
-    >>> Bounds(0.0, 0.0, 10.0, 5.0).buffered(1.0)
-    Bounds(west=-1.0, south=-1.0, east=11.0, north=6.0)
+    >>> west, south, east, north = Bounds(0.0, 0.0, 10.0, 5.0).buffered(1.0)
+    >>> west, north
+    (-1.0, 6.0)
     """
 
     west: float
     south: float
     east: float
     north: float
+
+    def __iter__(self) -> Iterator[float]:
+        return iter((self.west, self.south, self.east, self.north))
 
     @property
     def width(self) -> float:

@@ -124,6 +124,21 @@ class Footprint:
         facts |= {"corners": len(self.polygon.exterior.coords) - 1, "score": f"{self.score:.2f}"}
         return as_html("Footprint", facts, self._repr_svg_())
 
+    @property
+    def world(self) -> Polygon:
+        """The polygon in world metres."""
+        return shapely.transform(self.polygon, lambda xy: xy + np.array(self.origin))
+
+    @property
+    def area(self) -> float:
+        """Area (m²) in plan."""
+        return float(self.polygon.area)
+
+    @property
+    def __geo_interface__(self) -> dict[str, Any]:
+        """The polygon in world metres, as shapely, geopandas and others take it."""
+        return dict(self.world.__geo_interface__)
+
     def with_(self, **changes: Any) -> Footprint:
         """A copy with some fields replaced."""
         return replace(self, **changes)
@@ -269,6 +284,10 @@ class Solid:
             for count, surface, plane in zip(*columns, strict=True)
         )
 
+    def moved(self, shift: Values) -> Solid:
+        """The solid moved by `shift` (3,) in metres."""
+        return replace(self, vertices=self.vertices + shift)
+
     def __repr__(self) -> str:
         return f"Solid({len(self.vertices)} vertices, {len(self.ring_counts)} faces)"
 
@@ -345,6 +364,12 @@ class BuildingModel:
     def lod(self) -> str:
         """The finest level reached."""
         return max(self.solids, default="0")
+
+    @property
+    def world(self) -> dict[str, tuple[Solid, ...]]:
+        """The solids with vertices in world metres."""
+        shift = np.array([*self.footprint.origin, 0.0])
+        return {lod: tuple(solid.moved(shift) for solid in parts) for lod, parts in self.solids.items()}
 
     def _repr_svg_(self) -> str:
         from eaves.model.pictures import polygon_svg, solids_svg

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,12 @@ from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.validation import explain_validity
 
+log = logging.getLogger("eaves")
+
+SIZE = np.dtype(np.float64).itemsize
+DIGITS_LOST = 0.001
+"""Coordinates that are rounded by more (m), the resolution of scans, are said."""
+
 
 def check_type(value: Any, kind: type, name: str, remedy: str) -> None:
     """Raise TypeError when a value is not of a class."""
@@ -17,21 +24,31 @@ def check_type(value: Any, kind: type, name: str, remedy: str) -> None:
         raise TypeError(f"{name} must be a {kind.__name__}, not {describe(value)}; {remedy}")
 
 
-def check_points(points: Any, name: str = "points") -> None:
-    """Raise TypeError or ValueError when a value is no array (N, 3) of float64."""
-    if not isinstance(points, np.ndarray):
-        raise TypeError(
-            f"{name} must be a numpy array (N, 3) of float64, not {describe(points)}; "
-            f"pass np.asarray({name}, float)"
-        )
-    if points.dtype != np.float64:
-        raise TypeError(
-            f"{name} must be an array of float64, not of {points.dtype}; pass {name}.astype(float)"
-        )
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(
-            f"{name} must have the shape (N, 3), not {points.shape}; give x, y, z in its columns"
-        )
+def as_points(points: Any, name: str = "points") -> NDArray[np.float64]:
+    """Points (N, 3) of float64 in rows, made of any array or sequence of numbers, and said where its numbers
+    have lost digits; TypeError or ValueError when they are no x, y, z."""
+    if isinstance(points, np.ndarray) and points.dtype == np.float64 and points.flags.c_contiguous:
+        array = points
+    else:
+        try:
+            given = np.asarray(points)
+        except ValueError:  # rows of several lengths
+            given = np.zeros(0, object)
+        if given.dtype.kind not in "fiu":
+            raise TypeError(
+                f"{name} must be numbers (N, 3), not {describe(points)}; pass an array of x, y, z in metres"
+            )
+        if given.dtype.kind == "f" and given.dtype.itemsize < SIZE:
+            farthest = np.abs(given[np.isfinite(given)]).max(initial=0)
+            if (step := float(np.spacing(farthest))) > DIGITS_LOST:
+                log.warning(
+                    "%s is %s, whose steps at %.0f are %.1f cm: take the numbers before they are rounded",
+                    *(name, given.dtype, farthest, 100 * step),
+                )
+        array = np.ascontiguousarray(given, np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{name} must have the shape (N, 3), not {array.shape}; give x, y, z in its columns")
+    return array
 
 
 def check_polygon(polygon: Any, name: str) -> None:
@@ -69,11 +86,11 @@ FARTHEST_BASE_M = 2000.0
 """No roof stands higher (m) over its base: the highest building is 828 m."""
 
 
-def check_base(ground: float, points: NDArray[np.float64]) -> None:
-    """Raise ValueError when a base is no height, or not of the building of some points (N, 3)."""
-    if not np.isfinite(ground):
+def checked_base(ground: float | None, points: NDArray[np.float64]) -> float:
+    """The height of a base; ValueError when it is none, or not of the building of some points (N, 3)."""
+    if ground is None or not np.isfinite(ground):
         raise ValueError(
-            f"ground must be a finite height in metres, not {ground}; give the base of the building"
+            f"ground must be a finite height in metres, not {ground}; give that of the base, or a scene"
         )
     heights = points[np.isfinite(points).all(axis=1), 2]
     middle = float(np.median(heights)) if len(heights) else ground
@@ -82,6 +99,7 @@ def check_base(ground: float, points: NDArray[np.float64]) -> None:
             f"ground must lie within {FARTHEST_BASE_M:.0f} m of the points, not at {ground:.0f} m with these "
             f"at {middle:.0f} m; give the base of the building in metres"
         )
+    return ground
 
 
 def check_lengths(count: int, arrays: dict[str, NDArray[Any] | None]) -> None:

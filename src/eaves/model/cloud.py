@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model.arrays import Integers, Mask, Points, Values
-from eaves.model.block import Block, Bounds
-from eaves.model.checks import check_lengths, check_points
+from eaves.model.block import BLOCK_SIDE, Block, Bounds
+from eaves.model.checks import as_points, check_lengths
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
+
+if TYPE_CHECKING:
+    from pyproj import CRS
 
 UNCLASSIFIED, GROUND, LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION, BUILDING = 1, 2, 3, 4, 5, 6
 LOW_NOISE, WATER, HIGH_NOISE = 7, 9, 18
@@ -26,6 +29,10 @@ ARRAYS = ("return_number", "number_of_returns", "classification", "part", "point
 GRID_STEP = 1e-4
 """Local coordinates are whole multiples of this (m), so data moved by whole blocks compute identically."""
 
+FARTHEST = 40 * BLOCK_SIDE
+"""Coordinates without an origin that start farther from it (m) are those of the world: they are counted from
+the corner of a block, where the numbers of methods keep their digits."""
+
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
@@ -34,7 +41,8 @@ class PointCloud:
     Parameters
     ----------
     xyz : ndarray (N, 3) of float64
-        x, y, z in metres: x and y about `origin`, z as in the world. Use `from_world` for world coordinates.
+        x, y, z in metres: x and y about `origin`, z as in the world. World coordinates without an origin get
+        the corner of a block as origin, as `from_world` gives it.
     origin : (float, float)
         World position (m) of local (0, 0).
     return_number, number_of_returns : ndarray (N,) of uint8 or None
@@ -56,7 +64,7 @@ class PointCloud:
     Raises
     ------
     TypeError
-        When an array is none, or `xyz` is not float64.
+        When `xyz` are no numbers.
     ValueError
         When `xyz` is not (N, 3), or another array has not one value a point.
 
@@ -81,11 +89,36 @@ class PointCloud:
     ordered: bool = False
 
     def __post_init__(self) -> None:
-        check_points(self.xyz, "xyz")
-        check_lengths(len(self.xyz), {name: getattr(self, name) for name in ARRAYS} | dict(self.fields))
+        xyz, origin = as_points(self.xyz, "xyz"), self.origin
+        if origin == (0.0, 0.0) and len(xyz) and np.fmax.reduce(np.abs(xyz[:, :2]), axis=None) > FARTHEST:
+            xyz, origin = brought_near(xyz)
+        arrays = {name: array if array is None else np.asarray(array) for name, array in self._arrays.items()}
+        check_lengths(len(xyz), arrays | dict(self.fields))
+        for name, value in {"xyz": xyz, "origin": origin, **arrays}.items():
+            object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    def __getitem__(self, which: Any) -> PointCloud:
+        """The points that a mask (N,), indices, a slice or one index picks."""
+        return self.take(np.atleast_1d(np.arange(len(self))[which]))
+
+    @property
+    def _arrays(self) -> dict[str, NDArray[Any] | None]:
+        return {name: getattr(self, name) for name in ARRAYS}
+
+    @property
+    def world(self) -> Points:
+        """World coordinates (N, 3) in metres."""
+        return np.asarray(self.xyz + np.array([*self.origin, 0.0]))
+
+    @property
+    def crs(self) -> CRS | None:
+        """The reference system as a pyproj.CRS; None for a plane without a place on Earth."""
+        from pyproj import CRS
+
+        return None if self.system.wkt is None else CRS.from_wkt(self.system.wkt)
 
     @property
     def bounds(self) -> Bounds:
@@ -149,9 +182,8 @@ class PointCloud:
         index = np.flatnonzero(which) if which.dtype == np.bool_ else which
         if len(index) == len(self) and bool((index == np.arange(len(self))).all()):
             return self
-        columns = {name: getattr(self, name) for name in ARRAYS}
         arrays: dict[str, Any] = {
-            name: array if array is None else array.take(index) for name, array in columns.items()
+            name: array if array is None else array.take(index) for name, array in self._arrays.items()
         }
         if self.fields:
             arrays["fields"] = {name: values.take(index) for name, values in self.fields.items()}
@@ -185,14 +217,32 @@ class PointCloud:
     ) -> PointCloud:
         """A cloud from world coordinates in metres (N, 3); the origin defaults to the first point's block
         corner."""
-        xyz = np.asarray(xyz, np.float64)
-        xyz = xyz if xyz.size else xyz.reshape(0, 3)
-        check_points(xyz, "xyz")
-        if origin is None:
-            finite = xyz[np.isfinite(xyz).all(axis=1)]
-            origin = Block.at(finite[:, 0].min(), finite[:, 1].min()).origin if len(finite) else (0.0, 0.0)
-        local = snap(xyz - np.array([origin[0], origin[1], 0.0]))
+        xyz = as_points(xyz, "xyz")
+        local, origin = brought_near(xyz, origin)
         return cls(xyz=local, origin=origin, **arrays)  # type: ignore[arg-type]
+
+    @classmethod
+    def from_laspy(cls, las: Any, crs: Any = None) -> PointCloud:
+        """A cloud from a laspy.LasData, as `eaves.read` gives it from its file."""
+        import eaves  # the readers stand above the values
+
+        return eaves.read(las, crs=crs)
+
+
+def plain_points(points: Any) -> Points:
+    """The local coordinates (N, 3) of a cloud, or points as an array."""
+    return points.xyz if isinstance(points, PointCloud) else as_points(points)
+
+
+def brought_near(
+    xyz: Points, origin: tuple[float, float] | None = None
+) -> tuple[Points, tuple[float, float]]:
+    """World coordinates (N, 3) in local metres about an origin, by default the corner of the first block, and
+    that origin."""
+    if origin is None:
+        finite = xyz[np.isfinite(xyz).all(axis=1)]
+        origin = Block.at(*finite[:, :2].min(axis=0)).origin if len(finite) else (0.0, 0.0)
+    return snap(xyz - np.array([origin[0], origin[1], 0.0])), origin
 
 
 def snap(xyz: Points) -> Points:

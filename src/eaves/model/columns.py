@@ -83,9 +83,7 @@ COLUMNS: dict[str, Column] = {
         "Agreement of the outline", "", "intersection over union with outlines of half of the boundary points"
     ),
     "hidden_share": Column("Occluded outline", "", "share of the outline with no ground points beside it"),
-    "blank_share": Column(
-        "Outline at blank places", "", "share of the outline with no points at all beside it"
-    ),
+    "blank_share": Column("Blank outline", "", "share of the outline with no points at all beside it"),
     "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured", bool),
     "building_id": Column("Building", "", "id of the building that the face belongs to", str),
     "slope_deg": Column("Slope", "°", "from the horizontal"),

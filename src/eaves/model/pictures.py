@@ -112,12 +112,15 @@ def shaded(colours: Values, heights: Values, cell: float) -> Image:
     return np.asarray(np.round(image), np.uint8)
 
 
-def polygon_svg(polygon: Polygon) -> str:
-    """A polygon in plan as SVG."""
-    rings = [
-        np.asarray(ring.coords)[:-1, :2] * [1.0, -1.0] for ring in (polygon.exterior, *polygon.interiors)
-    ]
-    return svg([(rings, (217, 122, 90))]) if len(rings[0]) else svg([])
+def polygon_svg(*polygons: Polygon) -> str:
+    """Polygons in plan as SVG."""
+    faces = []
+    for polygon in polygons:
+        rings = [
+            np.asarray(ring.coords)[:-1, :2] * [1.0, -1.0] for ring in (polygon.exterior, *polygon.interiors)
+        ]
+        faces += [(rings, (217, 122, 90))] if len(rings[0]) else []
+    return svg(faces)
 
 
 def solids_svg(solids: Iterable[Solid]) -> str:

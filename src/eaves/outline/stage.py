@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, overload
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
+from eaves.geometry.neighbours import given_spacing
 from eaves.geometry.rings import as_polygon
 from eaves.methods import (
     Emit,
@@ -21,9 +22,9 @@ from eaves.methods import (
     naming,
     resolve_method,
 )
-from eaves.model import Boundary, Failure, Footprint, Labels, Mask, Points
-from eaves.model.checks import check_points, check_positive, check_type
-from eaves.model.cloud import canonical_order
+from eaves.model import Boundary, Failure, Footprint, Labels, Mask, PointCloud, Points
+from eaves.model.checks import check_type
+from eaves.model.cloud import canonical_order, plain_points
 
 MIN_POINTS = 4
 """Fewer points tell nothing of an outline or of one of its edges; whether there are is first seen of some."""
@@ -61,24 +62,24 @@ class OutlineMethod(Method):
 
 
 def trace_outline(
-    points: Points,
-    spacing: float,
+    points: Points | PointCloud,
+    spacing: float | None = None,
     method: MethodChoice = None,
     *,
     not_last: Mask | None = None,
     ground: Points | None = None,
     others: Points | None = None,
-    origin: tuple[float, float] = (0.0, 0.0),
+    origin: tuple[float, float] | None = None,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
     """The boundary of the points of one region.
 
     Parameters
     ----------
-    points : ndarray (N, 3) of float64
+    points : ndarray (N, 3) or PointCloud
         x, y, z in local metres, in any order; points with NaN coordinates are left out.
-    spacing : float
-        Mean distance (m, > 0) of the points in plan.
+    spacing : float or None
+        Mean distance (m, > 0) of the points in plan; by default as measured.
     method : OutlineMethod, str, mapping or None
         The method, its name, or its parameters; None is `GlobalFit()`.
     not_last : ndarray (N,) of bool or None
@@ -89,9 +90,9 @@ def trace_outline(
     others : ndarray (K, 3) of float64 or None
         Points around them that are high and no building's: trees. Where they stand over the boundary, and no
         ground was seen beside it, it says less about where the building ends.
-    origin : (float, float)
-        World metres of local (0, 0): `cloud.origin`. The footprint and the model have it, and files are then
-        written where the building stands.
+    origin : (float, float) or None
+        World metres of local (0, 0), by default that of a cloud, else (0, 0). The footprint and the model
+        have it, and files are then written where the building stands.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -104,7 +105,7 @@ def trace_outline(
     Raises
     ------
     TypeError
-        When `points` is no float64 array, `spacing` no number, or `method` no outline method.
+        When `points` are no numbers, `spacing` is none, or `method` no outline method.
     ValueError
         When `points` has another shape, `spacing` is not above 0, or no method or parameter has that name.
 
@@ -114,12 +115,13 @@ def trace_outline(
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> points = truth.cloud.xyz[truth.building == 1]
-    >>> boundary = eaves.trace_outline(points, spacing=0.5)
+    >>> boundary = eaves.trace_outline(points)
     >>> len(boundary.rings), boundary.rings[0].shape[1]
     (1, 2)
     """
-    check_points(points)
-    check_positive(spacing, "spacing")
+    if origin is None:
+        origin = points.origin if isinstance(points, PointCloud) else (0.0, 0.0)
+    points = plain_points(points)
     outliner = resolve_method("outline", method)
     assert isinstance(outliner, OutlineMethod)
     finite = np.isfinite(points).all(axis=1)
@@ -130,7 +132,7 @@ def trace_outline(
         reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
         return Failure("too_few_points", reason, "outline")
     with naming(outliner):
-        boundary = outliner.trace(good, spacing, emitter(debug))
+        boundary = outliner.trace(good, given_spacing(spacing, good), emitter(debug))
     check_returned(outliner, isinstance(boundary, Boundary | Failure), "a Boundary or a Failure", boundary)
     if isinstance(boundary, Failure):
         return boundary
@@ -143,17 +145,29 @@ def count_places(points: Points) -> int:
     return len(np.unique(points[:, :2], axis=0))
 
 
+@overload
 def regularise_outlines(
-    boundaries: list[Boundary],
+    boundaries: Boundary, method: MethodChoice = None, *, debug: str | Path | Emit | None = None
+) -> Footprint | Failure: ...
+
+
+@overload
+def regularise_outlines(
+    boundaries: list[Boundary], method: MethodChoice = None, *, debug: str | Path | Emit | None = None
+) -> list[Footprint | Failure]: ...
+
+
+def regularise_outlines(
+    boundaries: Boundary | list[Boundary],
     method: MethodChoice = None,
     *,
     debug: str | Path | Emit | None = None,
-) -> list[Footprint | Failure]:
+) -> Footprint | Failure | list[Footprint | Failure]:
     """A valid footprint, or a Failure, for each boundary.
 
     Parameters
     ----------
-    boundaries : list of Boundary
+    boundaries : Boundary or list of Boundary
         Results of `trace_outline` in one system of local metres, without failures; buildings that touch
         belong in one list.
     method : OutlineMethod, str, mapping or None
@@ -163,10 +177,10 @@ def regularise_outlines(
 
     Returns
     -------
-    list of Footprint or Failure
-        One for each boundary, in their order. How far an outline can be relied on is its `agreement` with
-        those drawn through either half of the boundary points: the reliability of split halves
-        [spearman1910].
+    Footprint or Failure, or list of them
+        For the boundary, or one for each, in their order. How far an outline can be relied on is its
+        `agreement` with those drawn through either half of the boundary points: the reliability of split
+        halves [spearman1910].
 
     Raises
     ------
@@ -181,11 +195,13 @@ def regularise_outlines(
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> points = truth.cloud.xyz[truth.building == 1]
-    >>> footprint = eaves.regularise_outlines([eaves.trace_outline(points, spacing=0.5)])[0]
+    >>> footprint = eaves.regularise_outlines(eaves.trace_outline(points))
     >>> true = truth.buildings[0].footprint
     >>> bool(footprint.polygon.symmetric_difference(true).area < 0.1 * true.area)
     True
     """
+    if not isinstance(boundaries, list | tuple):
+        return regularise_outlines([boundaries], method, debug=debug)[0]
     for number, boundary in enumerate(boundaries):
         remedy = "leave the failures of trace_outline out"
         check_type(boundary, Boundary, f"boundaries[{number}]", remedy)

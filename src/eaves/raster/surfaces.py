@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Bounds, PointCloud, Points, Raster, Scene
+from eaves.model import Bounds, Footprint, PointCloud, Points, Raster, Scene
 from eaves.model.checks import check_positive, check_type
 from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
 from eaves.raster.interpolate import fill_linear, fill_linear_twice, fill_nearest
@@ -23,7 +24,7 @@ def is_large(extent: Bounds) -> bool:
     return extent.width * extent.height / CELL**2 > LARGEST_RASTER
 
 
-def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
+def make_dtm(cloud: PointCloud, bounds: Bounds | None = None, cell: float = CELL) -> Raster:
     """The terrain over `bounds`, linear between ground points.
 
     A cell with ground points holds their mean height; the others are linear in the triangles of the cells
@@ -33,8 +34,8 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
     ----------
     cloud : PointCloud
         N points with classes; class 2 is the ground, and there must be at least one such point.
-    bounds : Bounds
-        West, south, east, north of the raster (local m).
+    bounds : Bounds or None
+        West, south, east, north of the raster (local m); by default those of the cloud.
     cell : float
         Side of a cell (m, > 0).
 
@@ -56,11 +57,11 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> cloud = truth.classified()
-    >>> dtm = eaves.make_dtm(cloud, cloud.bounds, cell=1.0)
+    >>> dtm = eaves.make_dtm(cloud, cell=1.0)
     >>> bool(dtm.values.max() < cloud.xyz[:, 2].max())
     True
     """
-    check_request(cloud, bounds, cell)
+    bounds = checked_bounds(cloud, bounds, cell)
     check_ground(cloud)
     return terrain_of(cloud, bounds, cell)
 
@@ -90,7 +91,9 @@ def mean_terrain(cloud: PointCloud, bounds: Bounds, cell: float, beneath: Points
     return raster
 
 
-def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float = 1.0) -> Raster:
+def make_dsm(
+    cloud: PointCloud, bounds: Bounds | None = None, cell: float = CELL, close: float = 1.0
+) -> Raster:
     """The height of the highest point of each cell, noise left out.
 
     Empty cells take the nearest value up to `close` (m) away, which keeps the step at walls; larger gaps stay
@@ -100,8 +103,8 @@ def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float
     ----------
     cloud : PointCloud
         N points; those of classes 7 and 18 are left out.
-    bounds : Bounds
-        West, south, east, north of the raster (local m).
+    bounds : Bounds or None
+        West, south, east, north of the raster (local m); by default those of the cloud.
     cell : float
         Side of a cell (m, > 0).
     close : float
@@ -124,26 +127,26 @@ def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float
     >>> import eaves
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
-    >>> dsm = eaves.make_dsm(truth.cloud, truth.cloud.bounds, cell=1.0)
+    >>> dsm = eaves.make_dsm(truth.cloud, cell=1.0)
     >>> dsm.values.shape, dsm.cell
     ((102, 102), 1.0)
     """
-    check_request(cloud, bounds, cell)
+    bounds = checked_bounds(cloud, bounds, cell)
     noise = cloud.noise
     xyz = cloud.xyz.take(np.flatnonzero(~noise), axis=0) if noise.any() else cloud.xyz
     top = heights_of(highest_points(xyz, bounds, cell), xyz[:, 2])
     return fill_nearest(Raster(top, bounds.west, bounds.north, cell), close)
 
 
-def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
+def make_scene(cloud: PointCloud, bounds: Bounds | None = None, cell: float = CELL) -> Scene:
     """A classified cloud with its terrain, its surface and every point's height above the terrain.
 
     Parameters
     ----------
     cloud : PointCloud
         N points with classes, at least one of them ground (class 2).
-    bounds : Bounds
-        West, south, east, north of the rasters (local m).
+    bounds : Bounds or None
+        West, south, east, north of the rasters (local m); by default those of the cloud.
     cell : float
         Side of a cell (m, > 0).
 
@@ -165,11 +168,11 @@ def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> cloud = truth.classified()
-    >>> scene = eaves.make_scene(cloud, cloud.bounds)
+    >>> scene = eaves.make_scene(cloud)
     >>> bool(abs(scene.height[cloud.classification == 2]).max() < 0.5)
     True
     """
-    check_request(cloud, bounds, cell)
+    bounds = checked_bounds(cloud, bounds, cell)
     check_ground(cloud)
     return scene_of(cloud, bounds, cell)
 
@@ -199,9 +202,24 @@ def two_scenes(
     return scene, replace(scene, cloud=other, dtm=richer, height=cloud.xyz[:, 2] - richer.at(cloud.xyz))
 
 
-def check_request(cloud: PointCloud, bounds: Bounds, cell: float) -> None:
-    """Raise TypeError or ValueError when a raster cannot be made of these arguments."""
-    check_type(cloud, PointCloud, "cloud", "use eaves.read(path) or PointCloud.from_world(xyz)")
+def heights_under(
+    footprint: Footprint, terrain: Raster, nearest: Points | None = None
+) -> tuple[float, float]:
+    """The lowest terrain height on the outline, or of the nearest ground where that is given, and its 5th
+    percentile (m); NaN where no terrain is known."""
+    rim = shapely.segmentize(footprint.polygon, terrain.cell)
+    heights = terrain.at(shapely.get_coordinates(rim)) if nearest is None else nearest[:, 2]
+    heights = heights[np.isfinite(heights)]
+    if len(heights) == 0:
+        return float("nan"), float("nan")
+    return float(heights.min()), float(np.percentile(heights, 5))
+
+
+def checked_bounds(cloud: PointCloud, bounds: Bounds | None, cell: float) -> Bounds:
+    """The bounds of a raster, by default those of its cloud; TypeError or ValueError when none can be made of
+    these arguments."""
+    check_type(cloud, PointCloud, "cloud", "use eaves.read(path) or PointCloud(xyz)")
+    bounds = cloud.bounds if bounds is None else bounds
     check_type(bounds, Bounds, "bounds", "use cloud.bounds or Bounds(west, south, east, north)")
     check_positive(cell, "cell")
     if not (bounds.width >= 0 and bounds.height >= 0 and np.isfinite([bounds.width, bounds.height]).all()):
@@ -209,6 +227,7 @@ def check_request(cloud: PointCloud, bounds: Bounds, cell: float) -> None:
             f"bounds must run from west to east and from south to north in finite metres, not {bounds}; "
             "leave points without coordinates out"
         )
+    return bounds
 
 
 def check_ground(cloud: PointCloud) -> None:

@@ -16,7 +16,7 @@ from eaves.figures.attributes import LEAST_SHOWN, surface_heights
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import OVERHANGS, WALL_SURFACE, Bounds, BuildingModel, Mask, Points, Solid, Values
-from eaves.model.checks import check_points, check_type
+from eaves.model.checks import as_points, check_type
 from eaves.solids.coverage import MOST_ROUNDS
 from eaves.solids.undersides import RoofPlan, build_overhanging, walls_inside
 
@@ -337,7 +337,7 @@ def add_overhangs(
     'walls_unseen'
     """
     check_type(model, BuildingModel, "model", "give the result of reconstruct_building that is no Failure")
-    check_points(points)
+    points = as_points(points)
     rules = rules or OverhangRules()
     if SOURCE not in model.solids:
         return model

@@ -19,9 +19,10 @@ from eaves.methods import (
     naming,
     resolve_method,
 )
-from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
-from eaves.model.checks import check_base, check_planes, check_points, check_polygon, check_type
-from eaves.model.cloud import canonical_order
+from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Points, Raster, RoofPlane, Scene
+from eaves.model.checks import check_planes, check_polygon, check_type, checked_base
+from eaves.model.cloud import canonical_order, plain_points
+from eaves.raster.surfaces import heights_under
 
 FALLBACK = "prism"
 """The method that models what the chosen one cannot."""
@@ -58,10 +59,10 @@ class Reconstructor(Method):
 
 
 def reconstruct_building(
-    points: Points,
+    points: Points | PointCloud,
     footprint: Footprint | Failure,
     planes: list[RoofPlane],
-    ground: float,
+    ground: float | Scene | Raster | None = None,
     method: MethodChoice = None,
     *,
     debug: str | Path | Emit | None = None,
@@ -73,14 +74,14 @@ def reconstruct_building(
 
     Parameters
     ----------
-    points : ndarray (N, 3) of float64
+    points : ndarray (N, 3) or PointCloud
         x, y, z of the building in local metres; points with NaN coordinates are left out.
     footprint : Footprint or Failure
         The outline, in the same local metres; a Failure of the outline is given back.
     planes : list of RoofPlane
         The planes of `segment_roof`; their `members` index `points`.
-    ground : float
-        Height (m) of the base of the solids.
+    ground : float, Scene or Raster
+        Height (m) of the base of the solids, or the terrain, whose lowest height on the outline is the base.
     method : Reconstructor, str, mapping or None
         The method, its name, or its parameters; None is `Arrangement()`.
     debug : str, Path, callable or None
@@ -94,12 +95,12 @@ def reconstruct_building(
     Raises
     ------
     TypeError
-        When `points` is no float64 array, `footprint` no Footprint of a Polygon, or `method` no
-        reconstruction method.
+        When `points` are no numbers, `footprint` no Footprint of a Polygon, or `method` no reconstruction
+        method.
     ValueError
         When `points` has another shape, the polygon is not valid, a plane has coefficients that are no
-        numbers or members that are no points, `ground` is not finite or over 2 km from the points, or no
-        method or parameter has that name.
+        numbers or members that are no points, `ground` is left out, not finite or over 2 km from the points,
+        or no method or parameter has that name.
 
     Examples
     --------
@@ -107,20 +108,21 @@ def reconstruct_building(
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> points = truth.cloud.xyz[truth.building == 1]
-    >>> outline = eaves.trace_outline(points, spacing=0.5)
-    >>> footprint = eaves.regularise_outlines([outline])[0]
-    >>> planes = eaves.segment_roof(points, spacing=0.5)
+    >>> footprint = eaves.regularise_outlines(eaves.trace_outline(points))
+    >>> planes = eaves.segment_roof(points)
     >>> model = eaves.reconstruct_building(points, footprint, planes, ground=truth.buildings[0].base)
     >>> model.lod
     '2.2'
     """
-    check_points(points)
+    points = plain_points(points)
     if isinstance(footprint, Failure):
         return footprint
     check_type(footprint, Footprint, "footprint", "use Footprint(polygon) or regularise_outlines")
     check_polygon(footprint.polygon, "footprint.polygon")
     check_planes(planes, len(points))
-    check_base(ground, points)
+    if isinstance(ground, Scene | Raster):
+        ground = heights_under(footprint, ground.dtm if isinstance(ground, Scene) else ground)[0]
+    ground = checked_base(ground, points)
     modeller = resolve_method("reconstruct", method)
     assert isinstance(modeller, Reconstructor)
     emit = emitter(debug)

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from shutil import rmtree
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+from weakref import finalize
 
 from eaves.flow.exports import noted_failure
+from eaves.flow.results import Results
 from eaves.flow.run import Progress, Run, no_progress, open_run
+from eaves.formats.in_memory import as_point_files, as_polygon_file
 from eaves.pipeline import build_run, end_run, hold_folder, no_correction
 from eaves.recipe.recipe import Recipe
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, read_contents
-from eaves.report.notebook import Results
 from eaves.report.page_file import write_page
+from eaves.report.progress import bars
 from eaves.report.sample import PointSample
 from eaves.run.clock import Clock
-from eaves.run.options import EVERYTHING, RunOptions, list_options
+from eaves.run.options import EVERYTHING, POLYGONS, RunOptions, list_options
 
 if TYPE_CHECKING:
     from eaves.change.upkeep.corrected import CarriedEdits
@@ -25,10 +31,10 @@ if TYPE_CHECKING:
 
 @list_options
 def build(
-    inputs: str | Path | Sequence[str | Path],
+    inputs: str | Path | Sequence[str | Path] | Any,
     out: str | Path,
     recipe: Recipe | None = None,
-    progress: Progress = no_progress,
+    progress: Progress | Literal[True] = no_progress,
     allow_failures: bool = False,
     **options: Unpack[RunOptions],
 ) -> Results:
@@ -36,14 +42,14 @@ def build(
 
     Parameters
     ----------
-    inputs : str, Path or sequence of them
-        LAS, LAZ, COPC or text files, folders or globs.
+    inputs : str, Path or sequence of them, laspy.LasData, PointCloud, or array (N, 3)
+        LAS, LAZ, COPC or text files, folders or globs; or points in memory, an array in the units of `crs`.
     out : str or Path
         Folder; made when missing.
     recipe : Recipe or None
         The methods, instead of the options that name them.
-    progress : callable
-        Called with the step, how much of it is done, and how much there is.
+    progress : callable or True
+        Called with the step, how much of it is done, and how much there is; True shows bars.
     allow_failures : bool
         Return what there is when a part could not be computed.
     {options}
@@ -77,6 +83,73 @@ def build(
     >>> (results.folder / "report.html").exists()
     True
     """
+    with ExitStack() as files:
+        show: Progress = files.enter_context(bars()) if progress is True else progress
+        inputs = files.enter_context(as_point_files(inputs, options.get("crs")))
+        for name in POLYGONS:
+            options[name] = files.enter_context(as_polygon_file(options.get(name), name))  # type: ignore[literal-required]
+        return build_files(inputs, out, recipe, show, options).checked(allow_failures)
+
+
+@list_options
+def find_buildings(
+    points: str | Path | Sequence[str | Path] | Any,
+    recipe: Recipe | None = None,
+    progress: Progress | Literal[True] = no_progress,
+    allow_failures: bool = False,
+    **options: Unpack[RunOptions],
+) -> Results:
+    """The buildings in points: `footprints` and `planes` as tables, `models` as meshes. Leaves no files.
+
+    Parameters
+    ----------
+    points : str, Path or sequence of them, laspy.LasData, PointCloud, or array (N, 3)
+        Files or folders; or points in memory, an array in the units of `crs`.
+    recipe : Recipe or None
+        The methods, instead of the options that name them.
+    progress : callable or True
+        Called with the step, how much of it is done, and how much there is; True shows bars.
+    allow_failures : bool
+        Return what there is when a part could not be computed.
+    {options}
+
+    Returns
+    -------
+    Results
+        The buildings that `eaves build` finds, from a folder that is removed with this value.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used.
+    TypeError, ValueError
+        When an option, a method or a value does not exist.
+    IncompleteRunError
+        When a part could not be computed, after all the others; it carries the results.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> found = eaves.find_buildings(nine_roofs_on_a_slope(density=4.0).cloud)
+    >>> len(found), found.footprints.area_m2.min() > 50
+    (9, True)
+    """
+    folder = mkdtemp(prefix="eaves-")
+    options.setdefault("outputs", ("footprints", "models"))
+    try:
+        results = build(points, Path(folder) / "run", recipe, progress, allow_failures, **options)
+    except BaseException:
+        rmtree(folder, ignore_errors=True)
+        raise
+    finalize(results, rmtree, folder, ignore_errors=True)
+    return results
+
+
+def build_files(
+    inputs: Any, out: str | Path, recipe: Recipe | None, progress: Progress, options: RunOptions
+) -> Results:
+    """The results of `build`, of files."""
     shown = "report" in (options.get("outputs") or EVERYTHING)
     run = open_run(inputs, out, recipe, progress, carries_edits=True, **options)
     sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN) if shown else None
@@ -96,7 +169,7 @@ def build(
         if carried is not None:
             summary = replace(summary, files=(*summary.files, carried.keep()))
         end_run(run, summary)
-    return Results.of(summary).checked(allow_failures)
+    return Results.of(summary)
 
 
 def carried_edits(run: Run) -> CarriedEdits | None:

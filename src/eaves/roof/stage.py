@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from eaves.geometry.neighbours import given_spacing
 from eaves.geometry.planes import LocalPlanes
 from eaves.methods import (
     Emit,
@@ -19,9 +20,8 @@ from eaves.methods import (
     parameter,
     resolve_method,
 )
-from eaves.model import Points, RoofPlane
-from eaves.model.checks import check_points, check_positive
-from eaves.model.cloud import canonical_order
+from eaves.model import PointCloud, Points, RoofPlane
+from eaves.model.cloud import canonical_order, plain_points
 
 
 class RoofMethod(Method):
@@ -56,8 +56,8 @@ class RoofMethod(Method):
 
 
 def segment_roof(
-    points: Points,
-    spacing: float,
+    points: Points | PointCloud,
+    spacing: float | None = None,
     method: MethodChoice = None,
     *,
     rng: np.random.Generator | None = None,
@@ -70,10 +70,10 @@ def segment_roof(
 
     Parameters
     ----------
-    points : ndarray (N, 3) of float64
+    points : ndarray (N, 3) or PointCloud
         x, y, z in local metres, in any order; points with NaN coordinates are left out.
-    spacing : float
-        Mean distance (m, > 0) of the points in plan.
+    spacing : float or None
+        Mean distance (m, > 0) of the points in plan; by default as measured.
     method : RoofMethod, str, mapping or None
         The method, its name, or its parameters; None is `GlobalRefinement()`.
     rng : numpy.random.Generator or None
@@ -90,7 +90,7 @@ def segment_roof(
     Raises
     ------
     TypeError
-        When `points` is no float64 array, `spacing` no number, or `method` no roof method.
+        When `points` are no numbers, `spacing` is none, or `method` no roof method.
     ValueError
         When `points` has another shape, `spacing` is not above 0, or no method or parameter has that name.
 
@@ -100,18 +100,18 @@ def segment_roof(
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> truth = nine_roofs_on_a_slope(density=4.0)
     >>> points = truth.cloud.xyz[truth.building == 1]
-    >>> planes = eaves.segment_roof(points, spacing=0.5)
+    >>> planes = eaves.segment_roof(points)
     >>> len(planes) == len(truth.buildings[0].faces)
     True
     """
-    check_points(points)
-    check_positive(spacing, "spacing")
+    points = plain_points(points)
     segmenter = resolve_method("roof", method)
     assert isinstance(segmenter, RoofMethod)
     good = np.flatnonzero(np.isfinite(points).all(axis=1))
     if len(good) < 3:
         return []
     good = good[canonical_order(points[good])]
+    spacing = given_spacing(spacing, points[good])
     centre = np.floor(points[good].mean(axis=0))
     rng = rng or np.random.default_rng(0)
     with naming(segmenter):

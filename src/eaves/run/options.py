@@ -1,4 +1,5 @@
-"""The options of a run, each declared once: signatures, docs, the command line and run.json follow."""
+"""The options of a run, each declared once with what it takes: signatures, docs, the command line, checks
+and run.json follow. They are a typed dictionary, which type checkers know as keywords; pydantic checks it."""
 
 from __future__ import annotations
 
@@ -6,13 +7,19 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, ParamSpec, Protocol, TypeVar, cast, get_args, get_type_hints
+
+from pydantic import BeforeValidator, PlainValidator, TypeAdapter, ValidationError, ValidationInfo
+from typing_extensions import TypedDict
 
 from eaves.formats import InputError
+from eaves.formats.crs import crs_text
 from eaves.methods import MethodChoice
-from eaves.model import Bounds
+from eaves.model import LODS, Bounds
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
 """The outputs there are; see `eaves.flow.outputs`, and `eaves.report` for the last."""
@@ -46,15 +53,80 @@ def method_option(flag: str) -> Option:
     )
 
 
+class Shapes(Protocol):
+    """A GeoDataFrame, a GeoSeries, a shapely geometry: what gives its shapes to others."""
+
+    @property
+    def __geo_interface__(self) -> Any: ...
+
+
+def by_commas(given: Any) -> Any:
+    """The parts of a text between commas, as a command line has them; others as they are."""
+    return tuple(filter(None, map(str.strip, given.split(",")))) if isinstance(given, str) else given
+
+
+def lower_names(given: Any) -> Any:
+    """The names of outputs or formats: one, or several; a format may be named by its suffix."""
+    return tuple(name.lower().removeprefix(".") for name in by_commas(given) or ())
+
+
+def whole_numbers(given: Any, info: ValidationInfo) -> tuple[int, ...] | None:
+    """Numbers of classes; InputError where they are none."""
+    try:
+        return None if given is None else tuple(map(int, by_commas(given))) or None
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{DECLARED[str(info.field_name)].flag} {given}: not whole numbers; write them as in 2,6"
+        ) from None
+
+
+def lod_name(given: Any) -> Any:
+    """A level of detail, which may be a number, by its name."""
+    if isinstance(given, str | None):
+        return given
+    return next((name for name in LODS if float(name) == given), str(given))
+
+
+def checked_bounds(given: Any) -> Bounds | None:
+    """Bounds from four numbers, when they hold an area.
+
+    Raises
+    ------
+    InputError
+        When they do not.
+    """
+    if given is None:
+        return None
+    shown = given if isinstance(given, str) else repr(given)
+    try:
+        bounds = Bounds(*map(float, by_commas(given)))
+        shown = ",".join(f"{side:g}" for side in bounds)
+    except (TypeError, ValueError):
+        bounds = Bounds(math.nan, math.nan, math.nan, math.nan)
+    if not all(map(math.isfinite, bounds)):
+        raise InputError(f"--bounds {shown}: not four numbers; write west,south,east,north")
+    if bounds.west >= bounds.east or bounds.south >= bounds.north:
+        raise InputError(f"--bounds {shown}: west must be below east, south below north")
+    return bounds
+
+
+AS_GIVEN = PlainValidator(lambda given: given)
+Choice = Annotated[MethodChoice, AS_GIVEN]
+Classes = Annotated[Sequence[int] | None, PlainValidator(whole_numbers)]
+Names = Annotated[Sequence[str], BeforeValidator(lower_names)]
+Polygons = Annotated[str | Path | Shapes | None, AS_GIVEN]
+System = Annotated[str | int | Any | None, PlainValidator(lambda crs: crs if crs is None else crs_text(crs))]
+
+
 class RunOptions(TypedDict, total=False):
     """The keywords of a run."""
 
-    ground: Annotated[MethodChoice, method_option("--ground-method")]
-    detect: Annotated[MethodChoice, method_option("--detect-method")]
-    outline: Annotated[MethodChoice, method_option("--outline-method")]
-    units: Annotated[MethodChoice, method_option("--units")]
-    roof: Annotated[MethodChoice, method_option("--roof-method")]
-    reconstruct: Annotated[MethodChoice, method_option("--reconstruct-method")]
+    ground: Annotated[Choice, method_option("--ground-method")]
+    detect: Annotated[Choice, method_option("--detect-method")]
+    outline: Annotated[Choice, method_option("--outline-method")]
+    units: Annotated[Choice, method_option("--units")]
+    roof: Annotated[Choice, method_option("--roof-method")]
+    reconstruct: Annotated[Choice, method_option("--reconstruct-method")]
     source: Annotated[
         str | None,
         Option(
@@ -70,14 +142,14 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     building_classes: Annotated[
-        Sequence[int] | None,
+        Classes,
         Option("With `use_classes`: the files' classes of buildings; by default 6 and 67."),
     ]
     ground_classes: Annotated[
-        Sequence[int] | None, Option("With `use_classes`: the files' classes of the ground; by default 2.")
+        Classes, Option("With `use_classes`: the files' classes of the ground; by default 2.")
     ]
     classes: Annotated[
-        Sequence[int] | None,
+        Classes,
         Option(
             "Classes to write: by default 2, 3, 4, 5, 6, 9, 14, 15, 17; 2, 3, 4, 5, 6 without water, "
             "wires and bridges; 2, 6 also without vegetation."
@@ -87,7 +159,8 @@ class RunOptions(TypedDict, total=False):
         bool, Option("Run methods given by name with the parameters of their papers.", False)
     ]
     lod: Annotated[
-        str | None,
+        str | float | None,
+        BeforeValidator(lod_name),
         Option(
             "Finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source "
             "delivers, or 2.2.",
@@ -95,7 +168,7 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     crs: Annotated[
-        str | None,
+        System,
         Option(
             "EPSG code, compound code (28992+5709), a file with WKT or PROJJSON, or metres, feet or us-feet "
             "of a local plane, where files say none.",
@@ -110,7 +183,7 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     to_crs: Annotated[
-        str | None,
+        System,
         Option(
             "System to which points, and all results, are transformed: a projected EPSG code or a file with "
             "WKT; `none` keeps that of the files. By default the UTM zone of the first file if its system is "
@@ -119,7 +192,8 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     bounds: Annotated[
-        Bounds | Sequence[float] | None,
+        Bounds | Sequence[float] | str | None,
+        PlainValidator(checked_bounds),
         Option(
             "West, south, east, north in the unit of the files' reference system; points outside are not "
             "used.",
@@ -128,7 +202,7 @@ class RunOptions(TypedDict, total=False):
             panel="input",
         ),
     ]
-    clip: Annotated[str | Path | None, Option("File of polygons; points outside are not used.", again=True)]
+    clip: Annotated[Polygons, Option("File of polygons; points outside are not used.", again=True)]
     dtm: Annotated[
         str | Path | None,
         Option(
@@ -150,7 +224,7 @@ class RunOptions(TypedDict, total=False):
         Option("Cache folder for files read over the network; by default `remote` in the output folder."),
     ]
     footprints: Annotated[
-        str | Path | None,
+        Polygons,
         Option(
             "File of polygons to use instead of detected outlines: shapefile, GeoPackage, GeoJSON, "
             "FlatGeobuf, GeoParquet.",
@@ -188,11 +262,11 @@ class RunOptions(TypedDict, total=False):
         bool, Option("Move given footprints to the eaves in the points.", False, again=True, recorded=True)
     ]
     party_walls: Annotated[
-        str | Path | None,
+        Polygons,
         Option("File of polygons of addresses; detected blocks are split along their borders.", again=True),
     ]
     formats: Annotated[
-        Sequence[str],
+        Names,
         Option(
             "Additional formats: gpkg, citygml, citygml3, cityjson, obj, glb, 3dtiles, dxf, geojson, fgb, "
             "parquet, kml, ifc, copc.",
@@ -202,7 +276,7 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     outputs: Annotated[
-        Sequence[str],
+        Names,
         Option(
             "Outputs to write: footprints, models, mask, rasters, classified, report; by default all.",
             EVERYTHING,
@@ -280,7 +354,7 @@ class Declared:
 
 
 DECLARED: dict[str, Declared] = {
-    name: Declared(name, *get_args(hint))
+    name: Declared(name, get_args(hint)[0], next(one for one in get_args(hint) if isinstance(one, Option)))
     for name, hint in get_type_hints(RunOptions, include_extras=True).items()
 }
 """All keywords of a run, in their order."""
@@ -329,47 +403,58 @@ def check_options(given: RunOptions) -> RunOptions:
         When bounds are numbers that no run can use, an output does not exist, or an option is about a map and
         none is given.
     """
-    unknown = given.keys() - DECLARED.keys()
-    if unknown:
-        raise TypeError(f"unknown option '{min(unknown)}' of a run; choose among: {', '.join(DECLARED)}")
-    options: RunOptions = {**DEFAULT_OPTIONS, **given}
-    options["outputs"] = tuple(options["outputs"] or EVERYTHING)
-    options["formats"] = tuple(options["formats"] or ())
+    for name in sorted(given.keys() - DECLARED.keys()):
+        near = get_close_matches(name, DECLARED, 1)
+        remedy = f"use '{near[0]}'" if near else "help(eaves.build) lists them"
+        raise TypeError(f"unknown option '{name}' of a run; {remedy}")
+    try:
+        options: RunOptions = {**DEFAULT_OPTIONS, **adapter().validate_python(given)}
+    except ValidationError as error:
+        raise refusal(error) from None
+    options["outputs"] = options["outputs"] or EVERYTHING
     check_outputs(options["outputs"])
-    jobs, bounds = options["jobs"], options["bounds"]
-    if not isinstance(jobs, int) or jobs < 0:
-        raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
-    if bounds is not None:
-        options["bounds"] = checked_bounds(bounds)
+    if (jobs := options["jobs"]) < 0:
+        raise ValueError(f"--jobs {jobs}: must be 0 or more; 0 chooses for you")
     if options["footprints"] is not None and options["party_walls"] is not None:
         raise InputError(
             f"{options['party_walls']}: party walls split blocks that are detected, and footprints are "
             "given; leave one of --footprints and --party-walls out"
         )
     for name in ("layer", "id_field", "footprint_source", "snap_footprints"):
-        if options[name] and not (options["footprints"] or options["party_walls"]):
+        if options[name] and not (  # type: ignore[literal-required]
+            options["footprints"] or options["party_walls"]
+        ):
             raise InputError(f"{DECLARED[name].flag}: no map is given; add --footprints, or leave it out")
     return options
 
 
-def checked_bounds(given: Bounds | Sequence[float]) -> Bounds:
-    """Bounds from four numbers, when they hold an area.
+@cache
+def adapter() -> TypeAdapter[RunOptions]:
+    """What checks the options, made when it is first used."""
+    return TypeAdapter(RunOptions)
 
-    Raises
-    ------
-    ValueError, InputError
-        When they do not.
-    """
-    numbers = list(vars(given).values()) if isinstance(given, Bounds) else list(given)
-    if len(numbers) != len(fields(Bounds)):
-        raise ValueError(f"bounds must be west, south, east, north, not {given!r}; give four numbers")
-    west, south, east, north = numbers
-    text = ",".join(f"{side:g}" for side in numbers)
-    if not all(map(math.isfinite, numbers)):
-        raise InputError(f"--bounds {text}: not four numbers; write west,south,east,north")
-    if west >= east or south >= north:
-        raise InputError(f"--bounds {text}: west must be below east, south below north")
-    return Bounds(west, south, east, north)
+
+def refusal(error: ValidationError) -> Exception:
+    """The first thing that is wrong with options, in a sentence."""
+    first = error.errors()[0]
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, Exception):
+        return cause
+    rule = first["msg"][0].lower() + first["msg"][1:]
+    flag = DECLARED[str(first["loc"][0])].flag
+    return ValueError(f"{flag} {first['input']!r}: {rule}; help(eaves.build) says what it takes")
+
+
+def in_python(text: str) -> str:
+    """A message that names options as the command line does, as one who calls a function names them."""
+    names = {one.flag: f"{name}=True" if one.kind is bool else f"{name}=" for name, one in DECLARED.items()}
+
+    def named(found: re.Match[str]) -> str:
+        name = names.get(found[1], f"{found[1][2:].replace('-', '_')}=")
+        return name if found[2] is None or name[-1] == "=" else f"{name} "
+
+    said = re.sub(r"(--[a-z][a-z-]*)( (?=\S*[\d:./]))?", named, text)
+    return re.sub(r"(?<!\S)-o\b", "out", re.sub(r"\b(\w+=) or \1", r"\1", said))
 
 
 def check_outputs(names: Sequence[str]) -> None:
@@ -393,7 +478,7 @@ def kept_options(options: RunOptions) -> dict[str, Any]:
         name: options.get(name) for name, declared in DECLARED.items() if declared.option.again
     }
     if options["bounds"] is not None:
-        options_again["bounds"] = list(vars(options["bounds"]).values())
+        options_again["bounds"] = list(options["bounds"])
     for name in POLYGONS:
         options_again[name] = (
             None if options_again[name] is None else str(Path(str(options_again[name])).resolve())

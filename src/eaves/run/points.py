@@ -80,7 +80,7 @@ class PointWindow:
 def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> PointWindow:
     """The points of a block and of its surroundings up to `reach` (m), with `ids` their own."""
     bounds = block.bounds.buffered(reach)
-    west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
+    west, south, east, north = (round(value / GRID_STEP) for value in bounds)
     ranges: dict[Block, tuple[int, int]] = {}
     pieces, count, ends = [], 0, list[int]()
     rows = np.zeros((north - south) // PER_METRE + 2, np.int64)

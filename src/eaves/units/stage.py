@@ -11,7 +11,7 @@ from shapely import Polygon
 
 from eaves.methods import Emit, Method, MethodChoice, check_returned, ignore, naming, resolve_method
 from eaves.model import Points, Values
-from eaves.model.checks import check_lengths, check_points, check_positive
+from eaves.model.checks import as_points, check_lengths, check_positive
 from eaves.model.cloud import canonical_order
 
 
@@ -97,7 +97,7 @@ def divide_block(
     >>> len(divide_block(points, points[:, 2], box(0, 0, 18, 9), 0.3).parts)
     3
     """
-    check_points(points)
+    points = as_points(points)
     check_lengths(len(points), {"height": height})
     check_positive(spacing, "spacing")
     divider = resolve_method("units", method)

@@ -10,7 +10,7 @@ import shapely
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.roof_fit import RoofFaces, fit_roof, roof_point_mask
 from eaves.model import ROOF_SURFACE, BuildingModel, Points
-from eaves.model.checks import check_points, check_type
+from eaves.model.checks import as_points, check_type
 
 MISSED_RMSE = 1.0
 """The RMSE (m) of a building without any face under its points."""
@@ -81,7 +81,7 @@ def fit_to_points(model: BuildingModel, points: Points, lod: str | None = None) 
     True
     """
     check_type(model, BuildingModel, "model", "give the result of reconstruct_building that is no Failure")
-    check_points(points)
+    points = as_points(points)
     inside = shapely.contains_xy(model.footprint.polygon, points[:, 0], points[:, 1])
     roof = points[inside & roof_point_mask(points)]
     if len(roof) == 0:

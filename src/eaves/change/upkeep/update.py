@@ -8,7 +8,7 @@ import os
 import shutil
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import laspy
@@ -23,12 +23,12 @@ from eaves.flow.classified_points import KEYS, known_copies
 from eaves.flow.outputs import write_outputs
 from eaves.flow.refusals import EDITS, is_same_place
 from eaves.flow.region import EARLIER, bring_points, drop_upkeep, end_region, open_region
+from eaves.flow.results import Results
 from eaves.flow.run import Progress, Run, no_progress, stated_request
 from eaves.flow.step import Region, store_of
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
-from eaves.model.summary import IncompleteRunError, Summary
-from eaves.pipeline import find_buildings, hold_folder
+from eaves.pipeline import compute_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
@@ -40,18 +40,17 @@ AWAY_BLOCKS = 2
 """New points farther than so many blocks from all of the run's are of another place."""
 
 
-@dataclass(frozen=True, eq=False)
-class Updated:
-    """The result of an update."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Updated(Results):
+    """The results of an update, and what it changed."""
 
-    summary: Summary
-    date: str | None
+    date: str | None = None
     """Of the new points; None where none came."""
-    points: tuple[int, int]
+    points_changed: tuple[int, int] = (0, 0)
     """Number of points added, and number replaced."""
-    blocks: tuple[int, int]
+    blocks: tuple[int, int] = (0, 0)
     """Number of blocks computed again, and number of all."""
-    versions: Versions
+    versions: Versions = field(default_factory=Versions)
     edits: tuple[Edit, ...] = ()
     """All edits of the run, earlier ones too."""
     corrected: Corrected = Corrected()  # noqa: RUF009 (frozen)
@@ -62,11 +61,11 @@ class Updated:
 
     def as_text(self) -> str:
         """The closing lines."""
-        named, count = self.versions, self.summary.found
+        named, count = self.versions, self.found
         new, again, gone = len(named.new), len(named.remodelled), len(named.gone)
         lines = []
         if self.date is not None:
-            came, went = self.points
+            came, went = self.points_changed
             lines.append(
                 f"{came:,} points came, {went:,} gave way; "
                 f"{self.blocks[0]:,} of {self.blocks[1]:,} blocks were computed again"
@@ -138,7 +137,7 @@ def update(
     Returns
     -------
     Updated
-        The summary of the new results, and the buildings that are new, modelled again or gone.
+        The new results, and the buildings that are new, modelled again or gone.
 
     Raises
     ------
@@ -179,16 +178,14 @@ def update(
         if not inside:
             begin_manifest(out)
         updated = update_region(region, before, folder, ordered, when)
-    if updated.summary.failed and not allow_failures:
-        raise IncompleteRunError(updated.summary.failed, updated)
-    return updated
+    return updated.checked(allow_failures)
 
 
 def compute_again(region: Region, folder: Path) -> None:
     """The buildings that a run shows which kept nothing: those that it found, and on them its edits."""
     log.info("%s: keeps no parts of its run, so that all of it is computed again", folder)
     drop_upkeep(region)
-    find_buildings(region)
+    compute_buildings(region)
     correct(region, kept_edits(folder, region.store.system))
 
 
@@ -225,7 +222,7 @@ def update_region(
     """The buildings of a region with the names of those before and with all edits, and the files of them; the
     folder is that of the run that is updated, the date that of new points."""
     store, side, out = region.store, region.run.side, region.run.folder
-    owners, shown = find_buildings(region), Kept(store)
+    owners, shown = compute_buildings(region), Kept(store)
     named = as_found(before.store)
     versions, changed = name_versions(Kept(store, (BUILDINGS,)), named, owners, known_ids(folder), date)
     edited = correct(region, edits)
@@ -247,9 +244,9 @@ def update_region(
     blocks = blocks_computed(region, before), len(region.shown)
     shutil.rmtree(before.store.folder, ignore_errors=True)
     return Updated(
-        summary=replace(summary, files=tuple(files)),
+        **vars(replace(summary, files=tuple(files))),
         date=date,
-        points=points_counted(region),
+        points_changed=points_counted(region),
         blocks=blocks,
         versions=versions,
         edits=tuple(edits),

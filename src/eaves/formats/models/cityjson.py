@@ -170,6 +170,19 @@ def write_cityjson(
     >>> write_cityjson("nine.city.json", models, title="nine roofs")
     9
     """
+    city = as_cityjson(models, system, title, provenance)
+    with atomic(path) as temporary:
+        temporary.write_text(_line(city), encoding="utf-8", newline="\n")
+    return sum(not one.get("parents") for one in city["CityObjects"].values())
+
+
+def as_cityjson(
+    models: Iterable[Result],
+    system: CoordinateSystem = LOCAL_METRES,
+    title: str = "",
+    provenance: Provenance = NOTHING_KNOWN,
+) -> Json:
+    """All buildings as one CityJSON object; the arguments are those of `write_cityjson`."""
     writer, count = _Vertices(system), 0
     objects: dict[str, Json] = {}
     for model in models:
@@ -184,10 +197,7 @@ def write_cityjson(
         corners = np.array(writer.integers) * writer.scale + writer.translate
         extent = {"geographicalExtent": [*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()]}
         frame["metadata"] = extent | frame.get("metadata", {})
-    city = frame | {"CityObjects": objects, "vertices": writer.integers}
-    with atomic(path) as temporary:
-        temporary.write_text(_line(city), encoding="utf-8", newline="\n")
-    return count
+    return frame | {"CityObjects": objects, "vertices": writer.integers}
 
 
 def reference_system(system: CoordinateSystem) -> str | None:

@@ -13,9 +13,10 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyproj
 
-from eaves.formats.crs import LENGTHS, agree, parse_crs, plane_part, system_of, unbound
+from eaves.formats.crs import LENGTHS, agree, crs_text, parse_crs, plane_part, system_of, unbound
 from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
+from eaves.formats.in_memory import as_point_files, is_path
 from eaves.formats.inputs import find_inputs
 from eaves.formats.points.chunk import FARTHEST, Chunk
 from eaves.formats.points.las import WHOLE, iter_las, readable_fields
@@ -346,9 +347,9 @@ def check_fields(source: Source, fields: Sequence[str]) -> None:
 
 
 def read(
-    paths: str | Path | Sequence[str | Path],
-    bounds: Bounds | None = None,
-    crs: str | None = None,
+    paths: str | Path | Sequence[str | Path] | Any,
+    bounds: Bounds | Sequence[float] | None = None,
+    crs: str | int | Any = None,
     fields: Sequence[str] = (),
     to_crs: str | None = None,
 ) -> PointCloud:
@@ -356,11 +357,12 @@ def read(
 
     Parameters
     ----------
-    paths : str, Path or sequence of them
-        Files, folders or globs; they are read in the order of `find_inputs`.
-    bounds : Bounds or None
+    paths : str, Path or sequence of them, laspy.LasData, or array (N, 3)
+        Files, folders or globs; they are read in the order of `find_inputs`. Or points in memory, an array in
+        the units of `crs`.
+    bounds : Bounds or (west, south, east, north) or None
         World metres; only the points inside are read.
-    crs : str or None
+    crs : str, int, pyproj.CRS or None
         Overrides the system that the files name (see `open_source`).
     fields : sequence of str
         Other fields of the points to read (`PointCloud.fields`): `intensity`, `nir`, …
@@ -385,6 +387,11 @@ def read(
     >>> len(eaves.read(files["points"]))
     10404
     """
+    if not is_path(paths):
+        with as_point_files(paths, crs) as path:
+            return read(path, bounds, crs, fields, to_crs)
+    bounds = None if bounds is None else Bounds(*bounds)
+    crs, to_crs = (None if one is None else crs_text(one) for one in (crs, to_crs))
     files = find_inputs(paths)
     sources = [open_source(files[0], crs, to_crs)]
     sources += [open_source(path, crs, sources[0].target) for path in files[1:]]

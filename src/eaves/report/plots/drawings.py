@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from eaves.evaluate.detection import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE, UNKNOWN
+from eaves.evaluate.detection_scores import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE, UNKNOWN
 from eaves.formats import read_polygons, read_raster
 from eaves.formats.models.meshes import SURFACES
 from eaves.model import Integers, Mask, Points, Raster, Values

@@ -3,13 +3,13 @@ compiles what a wheel brings compiled, also that of compiling."""
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+
+from eaves.kernels import compiled_pieces
 
 Show = Callable[[str, int, int], None]
 SECONDS_BETWEEN_LINES = 10.0
@@ -111,14 +111,6 @@ def bars(compiling: bool = False) -> Iterator[Show]:
             display.update(tasks[stage], completed=done, total=total, left="" if done >= total else left)
 
         yield show
-
-
-def compiled_pieces() -> int:
-    """The number of loops that numba keeps compiled for eaves: none before the first run."""
-    import eaves
-
-    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
-    return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
 @contextmanager

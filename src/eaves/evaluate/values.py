@@ -1,0 +1,156 @@
+"""The measures for values in memory: tables, polygons, clouds, masks, results of runs."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eaves.evaluate.detection_scores import DetectionScore, evaluate_detection
+from eaves.evaluate.files import evaluate_files
+from eaves.evaluate.footprint_scores import FootprintScore, evaluate_footprints
+from eaves.evaluate.ground_scores import GroundScore, evaluate_ground
+from eaves.evaluate.images import common_grid, open_buildings
+from eaves.evaluate.report import Evaluation
+from eaves.formats import read_polygons
+from eaves.formats.in_memory import as_polygon_file
+from eaves.model import Mask, PointCloud
+
+
+def footprints(result: Any, reference: Any) -> FootprintScore:
+    """Scores of footprints against reference polygons.
+
+    Parameters
+    ----------
+    result, reference : GeoDataFrame, GeoSeries, polygons or path
+        The result is brought to the system of the reference.
+
+    Returns
+    -------
+    FootprintScore
+        As `evaluate_footprints` gives it, in metres.
+
+    Raises
+    ------
+    TypeError
+        When a value holds no polygons.
+    InputError
+        When a file cannot be read.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> import eaves
+    >>> eaves.evaluate.footprints([shapely.box(0, 0, 10, 9)], [shapely.box(0, 0, 10, 10)]).mean_iou
+    0.9
+    """
+    with ExitStack() as files:
+        paths = [
+            files.enter_context(as_polygon_file(one, name))
+            for one, name in ((result, "result"), (reference, "reference"))
+        ]
+        true, true_ids, _, system = read_polygons(Path(paths[1]))
+        shapes, ids, _, _ = read_polygons(Path(paths[0]), target=system)
+    return evaluate_footprints(shapes, true, ids, true_ids)
+
+
+def ground(result: Mask | PointCloud, reference: Mask | PointCloud) -> GroundScore:
+    """Scores of the ground of the same points in the same order.
+
+    Parameters
+    ----------
+    result, reference : ndarray (N,) of bool or PointCloud
+        Masks, or clouds with classes.
+
+    Returns
+    -------
+    GroundScore
+        As `evaluate_ground` gives it.
+
+    Raises
+    ------
+    ValueError
+        When a cloud has no classes, or the numbers of points differ.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> eaves.evaluate.ground(eaves.classify_ground(truth.cloud), truth.classified()).total_error < 0.05
+    True
+    """
+    masks = [one.ground if isinstance(one, PointCloud) else np.asarray(one) for one in (result, reference)]
+    return evaluate_ground(*masks)
+
+
+def detection(result: Any, reference: Any) -> DetectionScore:
+    """Scores of buildings against reference polygons, by area and by object.
+
+    Parameters
+    ----------
+    result, reference : GeoDataFrame, GeoSeries, polygons or path
+        The result is brought to the system of the reference; paths may be what `evaluate_files` takes.
+
+    Returns
+    -------
+    DetectionScore
+        As `evaluate_detection` gives it, on cells of 0.5 m.
+
+    Raises
+    ------
+    TypeError
+        When a value holds no polygons.
+    InputError
+        When a file cannot be read.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> import eaves
+    >>> score = eaves.evaluate.detection([shapely.box(0, 0, 10, 9)], [shapely.box(0, 0, 10, 10)])
+    >>> score.area.correctness
+    1.0
+    """
+    with ExitStack() as files:
+        paths = [
+            files.enter_context(as_polygon_file(one, name))
+            for one, name in ((result, "result"), (reference, "reference"))
+        ]
+        true = open_buildings(Path(paths[1]))
+        judged = open_buildings(Path(paths[0]), true.system)
+    grid = common_grid(judged, true)
+    truth, known = true.label_image(grid)
+    return evaluate_detection(judged.label_image(grid)[0], truth, grid.cell, known)
+
+
+def roofs(result: str | Path, reference: str | Path, lod: str | None = None) -> Evaluation:
+    """Agreement of models with points, or with other models.
+
+    Parameters
+    ----------
+    result : str or Path
+        CityJSON: `results.folder / "buildings.city.jsonl"`.
+    reference : str or Path
+        A classified cloud, or CityJSON.
+    lod : str or None
+        Level of detail; by default the finest of each building.
+
+    Returns
+    -------
+    Evaluation
+        The figures and rows of `evaluate_files`.
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.evaluate.roofs("out/buildings.city.jsonl", "tile.laz").figures  # doctest: +SKIP
+    """
+    return evaluate_files("models", Path(result), Path(reference), lod=lod)
