@@ -8,11 +8,13 @@ import shlex
 import shutil
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 import typer
 from docs.build import outdated
 from docs.source_pages import newest, rows_of, source_page
+from pyproj import CRS
 
 from eaves.cli.app import make_app
 from eaves.pipeline import build
@@ -66,6 +68,19 @@ def test_the_python_of_the_start_writes_what_a_build_writes(
     lines = (DOCS / "start.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     exec(lines, {})
     assert Path("buildings.city.jsonl").read_bytes() == Path("out/buildings.city.jsonl").read_bytes()
+
+
+def test_the_examples_of_the_guide_in_python_run(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    las = laspy.read(nine_roofs_file)
+    las.header.add_crs(CRS.from_epsg(28992))
+    las.write("tile.laz")
+    names: dict[str, object] = {}
+    for lines in (DOCS / "guides" / "python.md").read_text(encoding="utf-8").split("```python\n")[1:]:
+        exec(lines.split("```")[0], names)
+    assert len(names["found"]) == len(names["again"]) == 9 and names["score"].mean_iou == 1.0  # type: ignore[arg-type, attr-defined]
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda path: path.stem)
