@@ -108,3 +108,13 @@ def test_float32_says_how_much_it_lost(caplog: pytest.LogCaptureFixture) -> None
     caplog.clear()
     PointCloud(np.full((2, 3), 20.0, np.float32))
     assert not caplog.records
+
+
+def test_bounds_leave_points_without_coordinates_out() -> None:
+    cloud = PointCloud(np.array([[np.nan, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0, 7.0, 8.0]]))
+    assert cloud.bounds == Bounds(3.0, 4.0, 6.0, 7.0)
+
+
+def test_cloud_of_points_without_coordinates_has_no_bounds() -> None:
+    with pytest.raises(ValueError, match="no bounds"):
+        _ = PointCloud(np.full((2, 3), np.nan)).bounds

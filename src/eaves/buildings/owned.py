@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,7 +92,7 @@ def model_buildings(
     clock = Clock()
     traced = [pair for building in detected for pair in trace_parts(building, parameters.outline)]
     footprints = draw_all([boundary for _, boundary in traced], parameters.outline)
-    buildings = [replace(building, others=None) for building, _ in traced]
+    buildings = [building for building, _ in traced]
     clock.lap("outline")
     buildings, footprints = split_buildings(buildings, footprints, view.addresses, parameters.units)
     clock.lap("units")

@@ -73,7 +73,7 @@ class BuildingPoints:
     not_last: NDArray[np.bool_] | None = None
     """Points whose pulses came back once more from below."""
     others: Points | None = None
-    """High points (K, 3) in and around the building that are no building's, until its outline is drawn."""
+    """High points (K, 3) in and around the building that are no building's; None of a given footprint."""
     around: Points | None = None
     """All points (K, 3) of the scan in and around the building, the ground's too; None where none asked."""
 
