@@ -21,7 +21,7 @@ from eaves.formats.crs_check import refuse_conflict, refuse_numbers
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.plausible import likely_systems, why_not_metres
 from eaves.formats.points.source import FIELDS, is_simulated, warn_without_system
-from eaves.formats.statements import describe_reference
+from eaves.formats.statements import Stated, describe_reference
 from eaves.formats.transformation import AS_STORED
 from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Mask
 
@@ -103,10 +103,15 @@ class Index:
             return self.bounds(0)
         return Bounds(*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
 
-    @property
+    @cached_property
+    def own(self) -> Stated:
+        """What the first file states of its system."""
+        return self.source(0).own
+
+    @cached_property
     def reference(self) -> dict[str, str]:
         """The system of the results and the units of the first file, with who states them."""
-        return describe_reference(self.source(0).own, self.system)
+        return describe_reference(self.own, self.system)
 
     def area_of_stored(self, bounds: Bounds) -> BaseGeometry | None:
         """The area (world metres) of bounds in the system that files are transformed from; None where they
