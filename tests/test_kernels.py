@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -103,6 +104,8 @@ def test_the_first_use_is_said_once(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(kernels, "is_first_use", lambda: True)
+    monkeypatch.setattr(kernels, "parent_process", lambda: None)
+    monkeypatch.setattr(kernels.log, "level", logging.NOTSET)  # which a command has set before
     kernels.say_first_use.cache_clear()
     kernels.say_first_use()
     kernels.say_first_use()

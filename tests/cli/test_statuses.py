@@ -14,9 +14,13 @@ from types import SimpleNamespace
 import numpy as np
 import pyogrio
 import pytest
+import rasterio
 import shapely
+from pyproj import CRS
 from tests.cli.test_commands import eaves
 from tests.conftest import write_laz
+from tests.formats.test_transformation import CONTRADICTIONS, XYZ, in_system, las, words
+from tests.formats.test_transformation import PLACE as UTM
 
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
@@ -69,6 +73,48 @@ def case(name: str) -> Callable[[Callable[[Place], Done]], Callable[[Place], Don
         return function
 
     return keep
+
+
+@case("degrees that nobody states")
+def degrees(place: Place) -> Done:
+    xyz = np.random.default_rng(0).random((4000, 3)) * [0.001, 0.001, 5] + [4.36, 52.0, 1]
+    path = place.folder / "degrees.txt"
+    np.savetxt(path, xyz, fmt="%.8f")
+    return place.run(path, *SMALL)
+
+
+@case("WKT and GeoTIFF keys of a file contradict")
+def two_statements(place: Place) -> Done:
+    return place.run(las(place.folder / "tile.las", XYZ + [*UTM, 0.0], CONTRADICTIONS["zone"]), *SMALL)
+
+
+@case("`--crs` in another unit than the file")
+def another_unit(place: Place) -> Done:
+    tile = las(place.folder / "tile.las", XYZ + [*UTM, 0.0], words(CRS("EPSG:26918+5703")))
+    return place.run(tile, *SMALL, "--crs", "feet")
+
+
+@case("files of several systems")
+def several_systems(place: Place) -> Done:
+    for code in ("EPSG:32618", "EPSG:5070"):
+        las(place.folder / f"tiles-{code[5:]}.las", in_system(code), words(CRS(code)))
+    return place.run(place.folder / "tiles-*.las", *SMALL)
+
+
+@case("`--to-crs` that is no projected system")
+def to_degrees(place: Place) -> Done:
+    return place.build("--to-crs", "EPSG:4326")
+
+
+@case("unit of a raster's band and of its system contradict")
+def raster_of_two_units(place: Place) -> Done:
+    path = place.folder / "dsm.tif"
+    words_of = {"driver": "GTiff", "width": 40, "height": 40, "count": 1, "dtype": "float32"}
+    move = rasterio.transform.Affine(0.5, 0.0, 5e5, 0.0, -0.5, 4e6)
+    with rasterio.open(path, "w", **words_of, crs="EPSG:26918+5703", transform=move) as image:
+        image.write(np.full((1, 40, 40), 10, np.float32))
+        image.units = ("ft",)
+    return place.run(path, *SMALL)
 
 
 @case("bounds beside the points")
