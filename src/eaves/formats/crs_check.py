@@ -108,13 +108,13 @@ def refuse_numbers(path: Path, system: CoordinateSystem, box: Bounds) -> None:
         if area.holds(x * factor, y * factor):
             raise InputError.about(
                 path,
-                f"coordinates around {x:.0f}, {y:.0f} fit {area.name} only in {words}",
+                f"the area of {area.name} holds coordinates around {x:.0f}, {y:.0f} only in {words}",
                 f"pass the system they are in with --crs, {FORCE}",
             )
     if area.holds(y, x):
         raise InputError.about(
             path,
-            f"coordinates around {x:.0f}, {y:.0f} fit {area.name} only with x and y exchanged",
+            f"the area of {area.name} holds coordinates around {x:.0f}, {y:.0f} only with x and y exchanged",
             f"exchange them, {FORCE}",
         )
     log.warning(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -98,8 +99,14 @@ def convert(path: Path, folder: Path, dtm: Path | None = None) -> Path:
         ) from None
     if is_raster(path):
         folder.mkdir(parents=True, exist_ok=True)
-        with atomic(made) as temporary, atomic(made.with_suffix(REMARKS)) as beside:
-            beside.write_text(json.dumps(write_cells(path, temporary, dtm)), encoding="utf-8")
+        try:
+            with atomic(made) as temporary, atomic(made.with_suffix(REMARKS)) as beside:
+                beside.write_text(json.dumps(write_cells(path, temporary, dtm)), encoding="utf-8")
+        except InputError:  # nothing is left of what is refused
+            with suppress(OSError):
+                folder.rmdir()
+                folder.parent.rmdir()
+            raise
         return made
     extra, reader = READERS[path.suffix.lower()]
     try:
