@@ -15,6 +15,7 @@ import eaves
 from eaves.formats import InputError, read, write_raster
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.points import raster_cells
+from eaves.formats.points.converted import remarks_on as raster_remarks
 from eaves.formats.points.remote import localise
 from eaves.model import CoordinateSystem, Raster
 from eaves.pipeline import build
@@ -70,6 +71,58 @@ def test_with_a_terrain_of_other_cells_those_at_its_height_are_ground(tmp_path: 
     cloud = points_of(dsm, tmp_path, dtm)
     assert cloud.classification is not None
     assert np.array_equal(cloud.classification == 2, ~high.ravel())
+
+
+def stored(path: Path, values: np.ndarray, scale: float = 1.0, offset: float = 0.0, unit: str = "") -> Path:
+    """A raster of values as stored, with what its band states."""
+    with rasterio.open(
+        path, "w", driver="GTiff", width=values.shape[1], height=values.shape[0], count=1, dtype=values.dtype,
+        crs="EPSG:28992", transform=rasterio.Affine(0.5, 0, *PLACE[:1], 0, -0.5, PLACE[1] + 30),
+    ) as image:  # fmt: skip
+        image.write(values, 1)
+        image.scales, image.offsets = [scale], [offset]
+        if unit:
+            image.units = [unit]
+    return path
+
+
+SLOPE = np.add.outer(np.arange(40.0), np.arange(40.0))
+"""Heights (m) of a slope from 0 to 78."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "offset", "unit", "metres"),
+    [("int16", 0.01, 0.0, "", 1.0), ("uint16", 0.1, -50.0, "", 1.0), ("float32", 1.0, 0.0, "ft", 0.3048)],
+)
+def test_heights_come_by_scale_offset_and_unit_of_the_band(
+    kind: str, scale: float, offset: float, unit: str, metres: float, tmp_path: Path
+) -> None:
+    values = np.round((SLOPE - offset) / scale).astype(kind)
+    cloud = points_of(stored(tmp_path / "dsm.tif", values, scale, offset, unit), tmp_path)
+    assert np.allclose(np.sort(cloud.xyz[:, 2]), np.sort(SLOPE.ravel()) * metres, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"), [(-9999, "float32"), (-3.4028235e38, "float32"), (-32768, "int16")]
+)
+def test_an_undeclared_value_is_left_out_and_named(value: float, kind: str, tmp_path: Path) -> None:
+    values = SLOPE.astype(kind)
+    values[-3:, :3] = value
+    [local], _ = localise(stored(tmp_path / "dsm.tif", values), tmp_path)
+    assert len(read(local)) == values.size - 9
+    [remark] = raster_remarks(local)
+    assert f"9 cells hold the value {value:g}" in remark
+    assert len(read(localise(tmp_path / "dsm.tif", tmp_path)[0][0])) == values.size - 9  # as kept
+
+
+def test_a_value_around_the_data_is_left_out__level_ground_around_a_house_is_not(tmp_path: Path) -> None:
+    framed = np.pad(SLOPE + 20, 10).astype(np.float32)
+    [local], _ = localise(stored(tmp_path / "framed.tif", framed), tmp_path)
+    assert len(read(local)) == SLOPE.size and "value 0," in raster_remarks(local)[0]
+    level = np.full((60, 60), 10.0, np.float32)
+    level[25:35, 25:40] = 16.0
+    [local], _ = localise(stored(tmp_path / "level.tif", level), tmp_path)
+    assert len(read(local)) == level.size and raster_remarks(local) == []
 
 
 def test_a_raster_larger_than_a_piece_is_read_whole(tmp_path: Path) -> None:

@@ -39,9 +39,10 @@ UNITS = {
 """Names of units of bands, in lower case, and their lengths (m)."""
 LOWEST_M, HIGHEST_M = -2000.0, 10_000.0
 """No land lies below or above (m); the values for no data that writers use do: -9999, -32768, ± 3.4e38."""
-FILLED, ONE_PIECE, APART_M = 0.5, 0.8, 1.0
-"""A value is no height where it holds such a share of the border's cells, such a share of the others is one
-piece, and it lies farther (m) from them: heights above ground are 0 between many pieces."""
+FILLED, LEAST_DATA, ONE_PIECE, APART_M = 0.5, 0.1, 0.8, 1.0
+"""A value is no height where it holds such a share of the border's cells, the others are such a share of all
+and such a share of them one piece, and it lies farther (m) from them: heights above ground are 0 between
+many pieces, and a house on a level plane is a small one."""
 LOOKED_AT = 512
 """Largest side of the picture of a raster in which pieces are counted."""
 NAMED = 3
@@ -210,11 +211,12 @@ def undeclared_values(image: Any, factor: float) -> tuple[float, ...]:
         return found
     values, counts = np.unique(border, return_counts=True)
     fill, many = float(values[counts.argmax()]), int(counts.max())
-    rest = ~np.ma.getmaskarray(np.ma.masked_invalid(whole)) & (whole.data != fill)
-    if many < FILLED * len(border) or not rest.any():
+    heights = scaled(np.ma.filled(whole.astype(np.float64), np.nan), image) * factor
+    rest = (heights > LOWEST_M) & (heights < HIGHEST_M) & ~np.isin(whole.data, (*found, fill))
+    if many < FILLED * len(border) or rest.mean() < LEAST_DATA:
         return found
     pieces, _ = ndimage.label(rest, np.ones((3, 3)))
-    low, high = np.percentile(scaled(whole.data[rest].astype(np.float64), image) * factor, [1, 99])
+    low, high = np.percentile(heights[rest], [1, 99])
     place = float(scaled(np.array(fill), image)) * factor
     alone = not low - APART_M <= place <= high + APART_M
     one = np.bincount(pieces.ravel())[1:].max() >= ONE_PIECE * rest.sum()
