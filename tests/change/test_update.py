@@ -34,6 +34,7 @@ from eaves.run.world_squares import ring
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
 from tests.change.test_compare import GONE, RAISED, later_roofs
+from tests.conftest import write_laz
 
 OUTPUTS = ("footprints", "models", "classified")
 HOME = Block(0, 0, 240.0)
@@ -424,3 +425,20 @@ def test_edits_that_wait_in_the_layer_are_carried_over(epochs: Path, tmp_path: P
     assert gone not in lines_of(tmp_path / "out2" / "buildings.city.jsonl")
     assert [(edit.id, edit.verdict) for edit in done.edits] == [(gone, NO_BUILDING)]
     assert not (tmp_path / "out" / "edits.gpkg").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.36, 0.5, 0.64])
+def test_points_that_come_beside_those_of_a_run_give_the_build_of_both(share: float, tmp_path: Path) -> None:
+    scene = nine_roofs_on_a_slope(density=4.0, noise=0.04)
+    xyz = scene.cloud.xyz + [85000.0, 447000.0, 0.0]
+    cut = np.floor(np.quantile(xyz[:, 0], share))
+    for name, inside in (("west", xyz[:, 0] < cut), ("east", xyz[:, 0] >= cut)):
+        write_laz(tmp_path / f"{name}.laz", xyz[inside])
+    parts = [tmp_path / "west.laz", tmp_path / "east.laz"]
+    outputs = ("footprints", "models")
+    build(parts[0], tmp_path / "first", outputs=outputs, keep=True)
+    update(tmp_path / "first", parts[1], tmp_path / "second", date="2026-05-01")
+    build(parts, tmp_path / "whole", outputs=outputs)
+    whole, mine = (sorted(shapes(tmp_path / name).values()) for name in ("whole", "second"))
+    assert whole == mine

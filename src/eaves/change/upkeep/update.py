@@ -28,6 +28,7 @@ from eaves.flow.run import Progress, Run, no_progress, stated_request
 from eaves.flow.step import Region, store_of
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
+from eaves.model import GRID_STEP, Points
 from eaves.pipeline import compute_buildings, hold_folder
 from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
@@ -224,7 +225,10 @@ def update_region(
     store, side, out = region.store, region.run.side, region.run.folder
     owners, shown = compute_buildings(region), Kept(store)
     named = as_found(before.store)
-    versions, changed = name_versions(Kept(store, (BUILDINGS,)), named, owners, known_ids(folder), date)
+    gave_way = places_superseded(store, side)
+    versions, changed = name_versions(
+        Kept(store, (BUILDINGS,)), named, owners, known_ids(folder), date, gave_way
+    )
     edited = correct(region, edits)
     numbers = numbers_of_owners(before, before.owners(side))
     keep_numbers(shown, sorted(changed | edited.touched), numbers)
@@ -354,6 +358,18 @@ def points_counted(region: Region) -> tuple[int, int]:
     counts = [store.array(SUPERSEDED, block, "counts") for block in store.units(SUPERSEDED, region.run.side)]
     came, went = np.sum([np.zeros(2, np.int64), *counts], axis=0).tolist()
     return int(came), int(went)
+
+
+def places_superseded(store: Store, side: float) -> Points:
+    """Places (N, 2; world metres) of the points that later ones took the place of."""
+    places = [np.zeros((0, 2))]
+    for block in store.units(SUPERSEDED, side):
+        ids = store.superseded(block)
+        for _, path in store.scan_files(block) if len(ids) else ():
+            records = np.fromfile(path, store.record)
+            gone = records["xyz"][np.isin(records["point_id"], ids), :2]
+            places.append(gone * GRID_STEP + np.array(block.origin))
+    return np.concatenate(places)
 
 
 def blocks_computed(region: Region, before: Kept) -> int:

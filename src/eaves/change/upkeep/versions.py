@@ -74,7 +74,7 @@ class Placed:
 
 
 def name_versions(
-    detected: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None
+    detected: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None, gave_way: Points
 ) -> tuple[Versions, set[Block]]:
     """Give the buildings their ids and versions, in a layer over those found; what became of them, and the
     owner blocks whose buildings are others than before.
@@ -90,6 +90,9 @@ def name_versions(
     date
         Of the update, as `YYYY-MM-DD`; None where no points came: what other code models otherwise is no new
         version.
+    gave_way
+        Places (N, 2; world metres) of the earlier points that the new ones took the place of. Only where
+        some are can new points confirm a building: where all that it was made of stays, they lie beside it.
     """
     after = detected.store
     after.keep_only(NAMED, ())
@@ -110,7 +113,8 @@ def name_versions(
     names_used = {*ended, *map(str, stay), *(building.id for building in earlier)}
     results: dict[Block, list[BuildingResult]] = {}
     if date is not None:
-        earlier, fresh, confirmed = confirmed_apart(earlier, fresh, set(owners))
+        measured_again = shapely.STRtree(shapely.points(gave_way))
+        earlier, fresh, confirmed = confirmed_apart(earlier, fresh, set(owners), measured_again)
         for building in confirmed:
             results.setdefault(building.owner, []).append(building.result)
     partners = match(earlier, fresh)
@@ -136,10 +140,13 @@ def name_versions(
 
 
 def confirmed_apart(
-    earlier: Sequence[Placed], fresh: Sequence[Placed], owners: Collection[Block]
+    earlier: Sequence[Placed],
+    fresh: Sequence[Placed],
+    owners: Collection[Block],
+    measured_again: shapely.STRtree,
 ) -> tuple[list[Placed], list[Placed], list[Placed]]:
     """The earlier and the fresh buildings that differ, and the earlier ones that new points only confirm:
-    they lie in blocks that own buildings now, the `owners`."""
+    they lie in blocks that own buildings now, the `owners`, and on places that were measured again."""
     blocks = [*(f"earlier {name}" * bool(name) for name in map(block_id, earlier)), *map(block_id, fresh)]
     stay: set[int] = set()
     replaced: set[int] = set()
@@ -147,7 +154,13 @@ def confirmed_apart(
     for old, new in overlapping_groups(outlines[0], outlines[1], blocks):
         before, after = models_of(earlier, old), models_of(fresh, new)
         all_modelled = old and new and (len(before), len(after)) == (len(old), len(new))
-        if all_modelled and all(earlier[k].owner in owners for k in old) and is_confirmed(before, after):
+        seen = all(len(measured_again.query(earlier[k].polygon, predicate="intersects")) for k in old)
+        if (
+            all_modelled
+            and seen
+            and all(earlier[k].owner in owners for k in old)
+            and is_confirmed(before, after)
+        ):
             stay.update(old)
             replaced.update(new)
     return (
