@@ -408,7 +408,7 @@ def main() -> None:
     note = ", ".join(f"{verdict}: {counts[verdict]}" for verdict in VERDICTS) + f"; of {len(rows)}"
     print(note)
     if not asked.name:
-        keep("calls", "Calls as strangers type them", rows, "python -m benchmarks.scale.calls", note)
+        keep("calls", "Calls of strangers", rows, "python -m benchmarks.scale.calls", note)
 
 
 if __name__ == "__main__":
