@@ -40,10 +40,9 @@ def _by_call(function: Callable[..., Any]) -> Callable[..., Any]:
             return function(*args, **options)
         except (TypeError, ValueError) as error:
             if "--" in str(error) and len(error.args) == 1:
-                spoken = import_module(
-                    "eaves.run.options"
-                ).in_python  # by string: the package imports no room
-                error.args = (spoken(str(error)),)
+                # by string: the package itself imports no room
+                options_of_a_run = import_module("eaves.run.options")
+                error.args = (options_of_a_run.in_python(str(error)),)
             raise
 
     return called

@@ -79,7 +79,8 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict
         ranges, records = band_of(band)
         if not len(records):
             continue
-        quanta, stands = np.ascontiguousarray(records["xyz"]), originals_of(records)
+        quanta = np.ascontiguousarray(records["xyz"])
+        stands = originals_of(records) if copies else np.arange(len(records))
         if dense:
             own = np.flatnonzero(stands == np.arange(len(stands)))
             rank = np.searchsorted(own, stands)

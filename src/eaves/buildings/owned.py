@@ -389,9 +389,10 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         ground = ground[Bounds(*polygon.bounds).buffered(FAR_M + CELL).contains(ground)]
         shapely.prepare(outline)
         ground = ground[~shapely.contains_xy(outline, ground)]
-        others = np.zeros((0, 3)) if building.others is None else building.others
-        for name, shown in (("hidden_share", ground), ("blank_share", np.vstack([ground, others[:, :2]]))):
-            away = cKDTree(shown).query(rim)[0] if len(shown) else np.full(len(rim), np.inf)
+        away = np.full(len(rim), np.inf)
+        for name, shown in (("hidden_share", ground), ("blank_share", building.others)):
+            if shown is not None and len(shown):
+                away = np.minimum(away, cKDTree(shown[:, :2]).query(rim)[0])
             facts[name] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
     return facts
 

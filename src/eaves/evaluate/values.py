@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +45,9 @@ def footprints(result: Any, reference: Any) -> FootprintScore:
     >>> eaves.evaluate.footprints([shapely.box(0, 0, 10, 9)], [shapely.box(0, 0, 10, 10)]).mean_iou
     0.9
     """
-    with ExitStack() as files:
-        paths = [
-            files.enter_context(as_polygon_file(one, name))
-            for one, name in ((result, "result"), (reference, "reference"))
-        ]
-        true, true_ids, _, system = read_polygons(Path(paths[1]))
-        shapes, ids, _, _ = read_polygons(Path(paths[0]), target=system)
+    with as_polygon_file(result, "result") as judged_path, as_polygon_file(reference, "reference") as path:
+        true, true_ids, _, system = read_polygons(Path(path))
+        shapes, ids, _, _ = read_polygons(Path(judged_path), target=system)
     return evaluate_footprints(shapes, true, ids, true_ids)
 
 
@@ -114,13 +109,9 @@ def detection(result: Any, reference: Any) -> DetectionScore:
     >>> score.area.correctness
     1.0
     """
-    with ExitStack() as files:
-        paths = [
-            files.enter_context(as_polygon_file(one, name))
-            for one, name in ((result, "result"), (reference, "reference"))
-        ]
-        true = open_buildings(Path(paths[1]))
-        judged = open_buildings(Path(paths[0]), true.system)
+    with as_polygon_file(result, "result") as judged_path, as_polygon_file(reference, "reference") as path:
+        true = open_buildings(Path(path))
+        judged = open_buildings(Path(judged_path), true.system)
     grid = common_grid(judged, true)
     truth, known = true.label_image(grid)
     return evaluate_detection(judged.label_image(grid)[0], truth, grid.cell, known)

@@ -170,16 +170,16 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
         reasons.append(f"{1.0 - row['supported_share']:.0%} of the roof is not supported by its points")
     weak_traits = [name for name, gain in gains.items() if name in WORDS and gain <= -LEAST_LOSS]
     reasons += [WORDS[name].format(**row) for name in sorted(weak_traits, key=lambda name: gains[name])]
-    doubts = [doubt for doubt in doubts_of(row) if doubt not in reasons]
+    doubts = list(doubts_of(row))
     if row.get("failure_code") == NO_ROOF:
         badness = max(badness, NO_ROOF_BADNESS)
     if is_vehicle(row):
         badness = max(badness, VEHICLE_BADNESS)
         reasons.insert(0, "a container or vehicle? level, {width_m:.1f} by {length_m:.1f} m".format(**row))
-    if any(doubts_of(row)):
+    if doubts:
         badness = max(badness, 1.0 - 0.5 * (HIGH + LOW))
     trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness > LOW else "low"
-    return trust, badness, "; ".join([*reasons, *doubts] or [SMALL_DOUBTS] * (trust != "high"))
+    return trust, badness, "; ".join(dict.fromkeys([*reasons, *doubts]) or [SMALL_DOUBTS] * (trust != "high"))
 
 
 WORDS = {

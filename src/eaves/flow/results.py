@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from itertools import chain, groupby
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -21,7 +21,7 @@ from eaves.formats.crs import horizontal_crs, plane_part
 from eaves.formats.errors import INSTALL
 from eaves.formats.inputs import is_classified
 from eaves.formats.models.cityjson import as_cityjson
-from eaves.formats.models.cityjson_read import CityObject, model_of, read_head, read_models, system_of_head
+from eaves.formats.models.cityjson_read import CityObject, models_of, read_head, read_models, system_of_head
 from eaves.formats.models.meshes import mesh_of
 from eaves.formats.vectors.polygons import list_vector_layers, read_details
 from eaves.geometry.rings import polygon_parts
@@ -261,9 +261,8 @@ def to_geopandas(
     if isinstance(what, ModelledBuildings):
         return to_geopandas(what.models, what.system)
     if isinstance(what, Mapping):
-        groups = groupby(what.values(), key=lambda one: one.parents[0] if one.parents else one.id)
-        models = [model_of(list(parts)) for _, parts in groups]
-        return to_geopandas(models, next((one.system for one in what.values()), system))
+        known = next((one.system for one in what.values()), system)
+        return to_geopandas(models_of(what.values()), known)
     several = [what] if isinstance(what, Footprint | BuildingModel | Failure) else list(what)
     rows, shapes = [], []
     for item in several:

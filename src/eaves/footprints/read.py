@@ -320,11 +320,12 @@ def without_doubled(footprints: Sequence[Footprint]) -> tuple[list[Footprint], l
         if number != other:
             beside.setdefault(number, []).append(other)
     rank = sorted(beside, key=lambda number: (-round(polygons[number].area, 3), number))
+    places = {number: place for place, number in enumerate(rank)}
     over: dict[int, int] = {}
-    for place, number in enumerate(rank):
-        larger = [other for other in beside[number] if other in rank[:place] and other not in over]
+    for number in rank:
+        larger = [other for other in beside[number] if places[other] < places[number] and other not in over]
         if larger:
-            over[number] = min(larger, key=rank.index)
+            over[number] = min(larger, key=places.__getitem__)
     failures = [
         Failure(
             DOUBLED,

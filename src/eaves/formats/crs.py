@@ -102,7 +102,7 @@ def system_of(
             f"{horizontal.name} has units of {unit:g} m, {height_unit:g} m upright",
             "pass the right system with crs= or --crs",
         )
-    if vertical_unit is not None and abs(vertical_unit - height_unit) > SAME_UNIT * height_unit:
+    if vertical_unit is not None and not is_same_unit(vertical_unit, height_unit):
         height_unit, plain = vertical_unit, with_heights_in(horizontal, vertical_unit)
     code = code_of(plain) if named else None
     return CoordinateSystem(plain.to_wkt(WktVersion.WKT2_2019), unit, height_unit, code)
@@ -125,7 +125,12 @@ def with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:
         'VERTCRS["height",VDATUM["unknown"],CS[vertical,1],'
         f'AXIS["gravity-related height (H)",up],LENGTHUNIT["unit",{unit!r}]]'
     )
-    return CompoundCRS(f"{horizontal.name} + height", [horizontal, heights])
+    return compound(horizontal, heights)
+
+
+def compound(horizontal: pyproj.CRS, heights: pyproj.CRS) -> pyproj.CRS:
+    """A plane or geographic system together with one of heights."""
+    return CompoundCRS(f"{horizontal.name} + {heights.name}", [horizontal, heights])
 
 
 @lru_cache(maxsize=32)
@@ -177,6 +182,11 @@ def name_units(system: CoordinateSystem) -> dict[str, str]:
     return dict(zip(("geometry", "heights", "attributes"), (*names, "metre"), strict=True))
 
 
+def unit_of(crs: pyproj.CRS) -> float:
+    """Metres in the unit of a system's first axis; 1 where it has none."""
+    return float(crs.axis_info[0].unit_conversion_factor) if crs.axis_info else 1.0
+
+
 def is_same_unit(one: float, other: float) -> bool:
     """True if two lengths of a unit (m) are of one unit."""
     return abs(one - other) <= SAME_UNIT * other
@@ -213,7 +223,7 @@ def agree(systems: Iterable[tuple[Path, CoordinateSystem]]) -> CoordinateSystem:
     )
     for path, system in pairs:
         for unit, others in zip(system.unit_m, chosen.unit_m, strict=True):
-            if abs(unit - others) > SAME_UNIT * others:
+            if not is_same_unit(unit, others):
                 raise InputError.about(
                     path, f"its units ({unit:.6g} m) are not those of {chosen_path} ({others:.6g} m)", remedy
                 )

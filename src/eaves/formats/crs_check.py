@@ -21,6 +21,7 @@ from eaves.formats.crs import (
     parse_crs,
     plane_part,
     pyproj_crs,
+    unit_of,
 )
 from eaves.formats.errors import InputError
 from eaves.model import Bounds, CoordinateSystem, Rectangle
@@ -48,11 +49,10 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     if own is None:
         return
     stated, given = plane_part(own), plane_part(parse_crs(said))
-    units = [crs.axis_info[0].unit_conversion_factor if crs.axis_info else 1.0 for crs in (stated, given)]
-    if given.is_engineering and not is_same_unit(*units):
+    if given.is_engineering and not is_same_unit(unit_of(stated), unit_of(given)):
         raise InputError.about(
             path,
-            f"says it is in {own.name}, in {name_of_unit(units[0])}, --crs says {said}",
+            f"says it is in {own.name}, in {name_of_unit(unit_of(stated))}, --crs says {said}",
             f"leave --crs out, {FORCE}",
         )
     if stated.equals(given, ignore_axis_order=True) and same_heights(own, parse_crs(said)):
@@ -63,7 +63,7 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     except pyproj.exceptions.ProjError:
         log.warning("%s: says a system that PROJ cannot place on Earth, %s; --crs is taken", path, own.name)
         return
-    unit = given.axis_info[0].unit_conversion_factor if given.axis_info else 1.0
+    unit = unit_of(given)
     near = np.isfinite([east, north]).all() and np.hypot(east - x, north - y) * unit <= SAME_PLACE
     if near and same_heights(own, parse_crs(said)):
         return
@@ -77,9 +77,8 @@ def same_heights(one: pyproj.CRS, other: pyproj.CRS) -> bool:
     upright = [crs.sub_crs_list[-1] for crs in (one, other) if crs.is_compound]
     if len(upright) < 2:
         return True
-    units = [crs.axis_info[0].unit_conversion_factor for crs in upright]
     unnamed = any("unknown" in crs.to_wkt() for crs in upright)
-    return is_same_unit(*units) and (unnamed or upright[0].name == upright[1].name)
+    return is_same_unit(*map(unit_of, upright)) and (unnamed or upright[0].name == upright[1].name)
 
 
 def refuse_numbers(path: Path, system: CoordinateSystem, box: Bounds) -> None:

@@ -21,7 +21,8 @@ from eaves.model.cloud import GRID_STEP
 POINTS, POLYGONS = "points.las", "polygons.gpkg"
 STANDARD = ("intensity", "gps_time", "point_source_id", "red", "green", "blue", "nir")
 """Fields of a cloud that a file of points holds."""
-WHOLE = 2**31 - 1
+MOST_STEPS = 2**31 - 1
+"""Steps that a coordinate of a LAS file may count."""
 
 
 def is_path(given: Any) -> bool:
@@ -108,7 +109,8 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
     world = cloud.world[good] / unit
     header.offsets = np.floor(world.min(axis=0))
     extent = (world - header.offsets).max(axis=0)
-    header.scales = np.maximum(GRID_STEP / unit, 10.0 ** np.ceil(np.log10(np.maximum(extent, 1.0) / WHOLE)))
+    coarsest = 10.0 ** np.ceil(np.log10(np.maximum(extent, 1.0) / MOST_STEPS))
+    header.scales = np.maximum(GRID_STEP / unit, coarsest)
     las = laspy.LasData(header)
     las.xyz = world
     names = ("return_number", "number_of_returns", "classification")

@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError, ProjError
 
 from eaves.formats.crs import (
+    compound,
     describe_system,
     is_same_unit,
     name_of_unit,
     name_units,
     plane_part,
     unbound,
+    unit_of,
     with_heights_in,
 )
 from eaves.formats.errors import InputError
@@ -109,7 +110,7 @@ def stated_by_wkt(path: Path, text: str) -> Stated:
         inside = VERTICAL.search(text)
         if inside is not None and not unbound(crs).is_compound:
             heights = pyproj.CRS.from_wkt(_closed(text[inside.start() :]))
-            crs = CompoundCRS(f"{plane_part(crs).name} + {heights.name}", [plane_part(crs), heights])
+            crs = compound(plane_part(crs), heights)
     except CRSError:
         raise InputError.about(path, "its WKT coordinate system cannot be read", REMEDY) from None
     return Stated(crs, None, "WKT")
@@ -142,7 +143,7 @@ def joined(path: Path, one: Stated, other: Stated, middle: tuple[float, float]) 
         heights = other.crs.sub_crs_list[1] if other.crs is not None and other.crs.is_compound else None
         crs = one.crs
         if heights is not None and not one.crs.is_geographic:
-            crs = CompoundCRS(f"{one.crs.name} + {heights.name}", [one.crs, heights])
+            crs = compound(one.crs, heights)
         return replace(one, crs=crs, height_unit=other.upright, heights_from=other.plane_from)
     if other.upright is not None and not is_same_unit(one.upright, other.upright):
         told = (f"heights in {name_of_unit(one.upright)}", f"in {name_of_unit(other.upright)}")
@@ -165,8 +166,8 @@ def _same_plane(one: pyproj.CRS, other: pyproj.CRS, middle: tuple[float, float])
     """True if two plane systems have one unit and put a place within `SAME_PLACE`."""
     if one.equals(other, ignore_axis_order=True):
         return True
-    units = [crs.axis_info[0].unit_conversion_factor if crs.axis_info else 1.0 for crs in (one, other)]
-    if one.is_geographic != other.is_geographic or not is_same_unit(*units):
+    unit = unit_of(other)
+    if one.is_geographic != other.is_geographic or not is_same_unit(unit_of(one), unit):
         return False
     if one.is_geographic:  # datums alone
         return True
@@ -175,5 +176,5 @@ def _same_plane(one: pyproj.CRS, other: pyproj.CRS, middle: tuple[float, float])
         moved = np.array(way.transform(*middle))
     except ProjError:
         return True  # one of them has no place on Earth that could differ
-    off = float(np.hypot(*(moved - middle))) * units[1]
+    off = float(np.hypot(*(moved - middle))) * unit
     return bool(off <= SAME_PLACE)

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import shapely
-from pyproj.crs import CompoundCRS
 from pyproj.exceptions import ProjError
 from pyproj.transformer import TransformerGroup
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats.crs import code_of, parse_crs, plane_part
+from eaves.formats.crs import code_of, compound, parse_crs, plane_part
 from eaves.formats.errors import InputError
 from eaves.model import Bounds, Points, Rectangle
 
@@ -177,7 +176,7 @@ def with_heights_of(target: pyproj.CRS, crs: pyproj.CRS) -> pyproj.CRS:
     """A plane system with the heights of another system, where that has any."""
     if not crs.is_compound:
         return target
-    return CompoundCRS(f"{target.name} + {crs.sub_crs_list[1].name}", [target, crs.sub_crs_list[1]])
+    return compound(target, crs.sub_crs_list[1])
 
 
 def transformed_remark(path: Path, crs: pyproj.CRS, target: pyproj.CRS, x: float, y: float) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model.arrays import Integers, Mask, Points, Values
-from eaves.model.block import BLOCK_SIDE, Block, Bounds
+from eaves.model.block import BLOCK_SIDE, Block, Bounds, extremes
 from eaves.model.checks import as_points, check_lengths
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
 
@@ -124,7 +124,7 @@ class PointCloud:
     def bounds(self) -> Bounds:
         """Local metres of the points that have coordinates; ValueError when none has."""
         known = self.xyz
-        if len(known) and not np.isfinite(known.sum()):
+        if len(known) and not np.isfinite(extremes(known)).all():
             known = known[np.isfinite(known).all(axis=1)]
         if not len(known):
             raise ValueError("the cloud has no points and so no bounds; check the area that was read")

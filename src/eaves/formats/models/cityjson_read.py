@@ -4,7 +4,7 @@ buildings as the values that the writers of other formats take."""
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, groupby
 from operator import index
@@ -290,7 +290,12 @@ def read_models(path: str | Path) -> Iterator[BuildingModel | Failure]:
     InputError
         When the file is missing or damaged.
     """
-    for _, parts in groupby(iter_cityjson(path), key=lambda one: one.parents[0] if one.parents else one.id):
+    yield from models_of(iter_cityjson(path))
+
+
+def models_of(objects: Iterable[CityObject]) -> Iterator[BuildingModel | Failure]:
+    """The buildings of city objects, of which the parts of each follow it."""
+    for _, parts in groupby(objects, key=lambda one: one.parents[0] if one.parents else one.id):
         yield model_of(list(parts))
 
 

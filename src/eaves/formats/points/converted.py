@@ -98,14 +98,15 @@ def convert(path: Path, folder: Path, dtm: Path | None = None) -> Path:
             path, f"cannot be read ({error.strerror or error})", "check the path"
         ) from None
     if is_raster(path):
+        made_here = [place for place in (folder, folder.parent) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         try:
             with atomic(made) as temporary, atomic(made.with_suffix(REMARKS)) as beside:
                 beside.write_text(json.dumps(write_cells(path, temporary, dtm)), encoding="utf-8")
         except InputError:  # nothing is left of what is refused
             with suppress(OSError):
-                folder.rmdir()
-                folder.parent.rmdir()
+                for place in made_here:
+                    place.rmdir()
             raise
         return made
     extra, reader = READERS[path.suffix.lower()]

@@ -1,4 +1,4 @@
-"""Plausibility of coordinates without a system as metres: speed of the aircraft, distance of returns."""
+"""Plausibility of coordinates without a system as metres: extent, flight speed, gaps between returns."""
 
 from __future__ import annotations
 
@@ -30,6 +30,31 @@ LINEAR = 0.9
 """Share of the variance of time that the place explains along one straight pass."""
 TIME_AT = {1: 20, 3: 20, 4: 20, 5: 20, 6: 22, 7: 22, 8: 22, 9: 22, 10: 22}
 """Byte of the GPS time in a record by point format (LAS 1.4, section 2.6)."""
+DEGREE_EXTENT, DEGREE_RELIEF, DEGREE_SCALE = 0.5, 20.0, 1e-6
+"""Data without a system are in degrees when they fit ±180 and ±90, span less than 0.5 and are either 20 times
+higher than wide (a tile of 0.01° has metres of relief) or stored in steps under 1e-6 (0.1 m in degrees)."""
+Corner = tuple[float, float, float]
+"""A corner of the box of the points, as they are stored."""
+
+
+def are_degrees(low: Corner, high: Corner, step: float) -> bool:
+    """True if the coordinates of a file that names no system are evidently degrees.
+
+    Parameters
+    ----------
+    low, high : tuple of float
+        Corners of the points' box, in the units of the file.
+    step : float
+        Step in which the file stores coordinates in plan; 1 where it stores decimals.
+
+    Returns
+    -------
+    bool
+        False where nothing decides.
+    """
+    width, relief = max(high[0] - low[0], high[1] - low[1]), high[2] - low[2]
+    fits = max(abs(low[0]), abs(high[0])) <= 180 and max(abs(low[1]), abs(high[1])) <= 90
+    return fits and 0 < width < DEGREE_EXTENT and (relief > DEGREE_RELIEF * width or step < DEGREE_SCALE)
 
 
 def why_not_metres(header: LasHeader) -> str | None:

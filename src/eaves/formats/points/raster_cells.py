@@ -20,7 +20,7 @@ from rasterio.vrt import WarpedVRT
 from rasterio.windows import Window
 from scipy import ndimage
 
-from eaves.formats.crs import is_same_unit, name_of_unit, plane_part
+from eaves.formats.crs import is_same_unit, name_of_unit, plane_part, unit_of
 from eaves.formats.errors import InputError
 from eaves.formats.rasters.geotiff import check_cells, scaled
 from eaves.formats.statements import Stated
@@ -147,9 +147,7 @@ class Heights:
         """
         crs = pyproj.CRS.from_wkt(image.crs.to_wkt()) if image.crs else None
         stated, band = Stated(crs).upright, UNITS.get((image.units[0] or "").strip().lower())
-        flat = (
-            1.0 if crs is None or crs.is_geographic else plane_part(crs).axis_info[0].unit_conversion_factor
-        )
+        flat = 1.0 if crs is None or crs.is_geographic else unit_of(plane_part(crs))
         unit = flat if stated is None else stated
         if band is not None and stated is not None and not is_same_unit(band, stated):
             raise InputError.about(

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyproj
 
-from eaves.formats.crs import LENGTHS, agree, crs_text, parse_crs, plane_part, system_of, unbound
+from eaves.formats.crs import LENGTHS, agree, crs_text, parse_crs, plane_part, system_of, unbound, unit_of
 from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
 from eaves.formats.in_memory import as_point_files, is_path
@@ -21,6 +21,7 @@ from eaves.formats.inputs import find_inputs
 from eaves.formats.points.chunk import FARTHEST, Chunk
 from eaves.formats.points.las import WHOLE, iter_las, readable_fields
 from eaves.formats.points.las_header import LasHeader, read_las_header
+from eaves.formats.points.plausible import Corner, are_degrees
 from eaves.formats.points.recovery import corrected
 from eaves.formats.points.text import TextLayout, iter_text, read_text_layout
 from eaves.formats.statements import Stated
@@ -45,7 +46,6 @@ from eaves.model import (
 )
 from eaves.model.cloud import snap
 
-Corner = tuple[float, float, float]
 FIELDS = ("return_number", "number_of_returns", "classification")
 MISSING = {"return_number": 1, "number_of_returns": 1, "classification": 0}
 """The values of a field in points of files that lack it."""
@@ -56,9 +56,6 @@ GIVEN = "--crs"
 log = logging.getLogger("eaves")
 
 CHUNK_POINTS = 300_000
-DEGREE_EXTENT, DEGREE_RELIEF, DEGREE_SCALE = 0.5, 20.0, 1e-6
-"""Data without a system are in degrees when they fit ±180 and ±90, span less than 0.5 and are either 20 times
-higher than wide (a tile of 0.01° has metres of relief) or stored in steps under 1e-6 (0.1 m in degrees)."""
 
 
 @dataclass(frozen=True)
@@ -537,7 +534,7 @@ def _placed(
     target = target_of(plane, path, *middle, to_crs)
     if target is None:
         return own, system_of(own.crs, path, middle, own.height_unit), None
-    upright = own.upright or (1.0 if plane.is_geographic else plane.axis_info[0].unit_conversion_factor)
+    upright = own.upright or (1.0 if plane.is_geographic else unit_of(plane))
     system = system_of(with_heights_of(target, unbound(own.crs)), path, middle, upright)
     way = Transformation(plane.to_wkt(), target.to_wkt(), system.horizontal_unit_m, system.vertical_unit_m)
     return own, system, way
@@ -602,10 +599,8 @@ def _source(
 
 def _undeclared(path: Path, low: Corner, high: Corner, step: float, to_crs: str | None) -> Placed:
     """The system of a file that names none: a local plane in metres; evident degrees are refused."""
-    centre = _middle(low, high)
-    width, relief = max(high[0] - low[0], high[1] - low[1]), high[2] - low[2]
-    fits = max(abs(low[0]), abs(high[0])) <= 180 and max(abs(low[1]), abs(high[1])) <= 90
-    if fits and 0 < width < DEGREE_EXTENT and (relief > DEGREE_RELIEF * width or step < DEGREE_SCALE):
+    if are_degrees(low, high, step):
+        centre = _middle(low, high)
         zone = zone_of(pyproj.CRS.from_epsg(4326), *centre)
         raise InputError.about(
             path,

@@ -7,7 +7,6 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from eaves.geometry.components import members
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.toolkit.plan_lines import FLAT, Line
 
@@ -97,7 +96,7 @@ def mirrored_planes(unseen: Values, roof: Points, labels: Labels, planes: Values
 
 def without_points(labels: Labels, planes: Values) -> Mask:
     """Mask (P,) of the planes that no point supports, but for the last, which stands for none."""
-    empty = np.array([len(points) == 0 for points in members(labels, len(planes))], bool)
+    empty: Mask = np.bincount(labels[labels >= 0], minlength=len(planes)) == 0
     empty[-1] = False
     return empty
 
