@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import pydoc
 import re
 import subprocess
 import sys
@@ -66,6 +67,11 @@ def test_build_shows_its_keywords_and_their_defaults() -> None:
     assert signature.parameters["footprints"].default is None
     assert signature.parameters["footprints"].kind is inspect.Parameter.KEYWORD_ONLY
     assert "jobs: int = 1" in str(signature).replace("'", "")
+
+
+def test_help_of_the_first_door_fits_on_a_screen() -> None:
+    lines = pydoc.render_doc(eaves.find_buildings, renderer=pydoc.plaintext).splitlines()
+    assert sum(1 + len(line) // 120 for line in lines) <= 50
 
 
 def test_dir_lists_functions_methods_and_data_types() -> None:

@@ -81,18 +81,18 @@ def as_polygon_file(polygons: Any, name: str) -> Iterator[Any]:
         path = Path(folder) / POLYGONS
         if hasattr(polygons, "to_frame"):
             polygons = polygons.to_frame("geometry")
-        if hasattr(polygons, "to_file"):
-            polygons.to_file(path, driver="GPKG", layer=name)
-        else:
-            shapes = np.atleast_1d(np.asarray(polygons, object))
-            if not shapely.is_geometry(shapes).all():
-                raise TypeError(
-                    f"{name} must be a path, a GeoDataFrame or polygons, not {describe(polygons)}; "
-                    "give one of these"
-                )
-            wkb = shapely.to_wkb(shapes)
-            with warnings.catch_warnings():  # shapely names no system: that of the points
-                warnings.simplefilter("ignore")
+        with warnings.catch_warnings():  # without a system they are in that of the points
+            warnings.filterwarnings("ignore", "'crs' was not provided")
+            if hasattr(polygons, "to_file"):
+                polygons.to_file(path, driver="GPKG", layer=name)
+            else:
+                shapes = np.atleast_1d(np.asarray(polygons, object))
+                if not shapely.is_geometry(shapes).all():
+                    raise TypeError(
+                        f"{name} must be a path, a GeoDataFrame or polygons, not {describe(polygons)}; "
+                        "give one of these"
+                    )
+                wkb = shapely.to_wkb(shapes)
                 pyogrio.raw.write(path, wkb, [], [], layer=name, driver="GPKG", geometry_type="Unknown")
         yield path
 

@@ -91,7 +91,6 @@ def build(
         return build_files(inputs, out, recipe, show, options).checked(allow_failures)
 
 
-@list_options
 def find_buildings(
     points: str | Path | Sequence[str | Path] | Any,
     recipe: Recipe | None = None,
@@ -111,7 +110,9 @@ def find_buildings(
         Called with the step, how much of it is done, and how much there is; True shows bars.
     allow_failures : bool
         Return what there is when a part could not be computed.
-    {options}
+    **options : keywords of a run
+        Those of `eaves.build`, whose help explains each: `crs`, `bounds`, `footprints`, `lod`, a method by
+        its stage (`detect="consensus"`), …
 
     Returns
     -------
