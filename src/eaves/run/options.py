@@ -13,6 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, Protocol, TypeVar, cast, get_args, get_type_hints
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, PlainValidator, TypeAdapter, ValidationError, ValidationInfo
 from typing_extensions import TypedDict
 
@@ -192,7 +194,7 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     bounds: Annotated[
-        Bounds | Sequence[float] | str | None,
+        Bounds | Sequence[float] | NDArray[np.float64] | str | None,
         PlainValidator(checked_bounds),
         Option(
             "West, south, east, north in the unit of the files' reference system; points outside are not "
