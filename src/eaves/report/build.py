@@ -85,9 +85,10 @@ def build(
     """
     with ExitStack() as files:
         show: Progress = files.enter_context(bars()) if progress is True else progress
-        inputs = files.enter_context(as_point_files(inputs, options.get("crs")))
+        keep = Path(out) if options.get("keep") else None
+        inputs = files.enter_context(as_point_files(inputs, options.get("crs"), keep))
         for name in POLYGONS:
-            options[name] = files.enter_context(as_polygon_file(options.get(name), name))  # type: ignore[literal-required]
+            options[name] = files.enter_context(as_polygon_file(options.get(name), name, keep))
         return build_files(inputs, out, recipe, show, options).checked(allow_failures)
 
 
