@@ -15,6 +15,7 @@ TOPICS = {
     "run": ("Whole runs", ("report", "flow", "pipeline", "recipe", "methods", "change", "solar")),
     "points": ("Points and ground", ("ground", "raster")),
     "detection": ("Detection, outlines and units", ("detect", "outline", "units")),
+    "between": ("Between the stages of a run", ("blocks", "buildings", "footprints", "figures")),
     "models": ("Roofs and solids", ("roof", "reconstruct")),
     "data": ("Data types", ("model",)),
     "formats": ("Reading and writing", ("formats",)),

@@ -1,4 +1,15 @@
 from . import evaluate as evaluate
+from .blocks.block import BlockScenes as BlockScenes
+from .blocks.block import make_scenes as make_scenes
+from .blocks.ground import Surroundings as Surroundings
+from .buildings.one_block import find_surroundings as find_surroundings
+from .buildings.one_block import gather_buildings as gather_buildings
+from .buildings.one_block import prepare_points as prepare_points
+from .buildings.owned import complete_model as complete_model
+from .buildings.owned import draw_outlines as draw_outlines
+from .buildings.owned import place_footprint as place_footprint
+from .buildings.owned import select_roof as select_roof
+from .buildings.owned import trace_buildings as trace_buildings
 from .change.compare import compare as compare
 from .change.upkeep.update import update as update
 from .detect import Detector as Detector
@@ -10,10 +21,13 @@ from .detect.height_texture import HeightTexture as HeightTexture
 from .detect.normal_echo import NormalEcho as NormalEcho
 from .detect.planar_patches import PlanarPatches as PlanarPatches
 from .detect.roof_attributes import RoofAttributes as RoofAttributes
+from .figures.party_walls import share_walls as share_walls
+from .figures.rows import describe_model as describe_model
 from .flow.results import Results as Results
 from .flow.results import open_results as open_results
 from .flow.results import to_geopandas as to_geopandas
 from .flow.results import to_trimesh as to_trimesh
+from .footprints.addresses import divide_buildings as divide_buildings
 from .formats import InputError as InputError
 from .formats import read as read
 from .ground import GroundMethod as GroundMethod
@@ -37,6 +51,7 @@ from .model import Regions as Regions
 from .model import RoofPlane as RoofPlane
 from .model import Scene as Scene
 from .model import Solid as Solid
+from .model.results import BuildingPoints as BuildingPoints
 from .model.summary import IncompleteRunError as IncompleteRunError
 from .model.summary import Summary as Summary
 from .outline import OutlineMethod as OutlineMethod

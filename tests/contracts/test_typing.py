@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import inspect
+import json
 import os
+import pydoc
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -59,6 +62,21 @@ def test_a_user_script_is_checked_in_full(tmp_path: Path) -> None:
     assert wrong == set(lines[-3:]), done.stdout + done.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("pyright") is None, reason="pyright is not installed")
+def test_pyright_accepts_the_code_of_the_guides(tmp_path: Path) -> None:
+    source = Path(eaves.__file__).parents[1]
+    for page in ("python", "researcher"):
+        text = (source.parent / "docs" / "guides" / f"{page}.md").read_text(encoding="utf-8")
+        blocks = [one for one in re.findall(r"^```python\n(.*?)^```", text, re.M | re.S) if ">>>" not in one]
+        (tmp_path / f"{page}.py").write_text("\n".join(blocks), encoding="utf-8")
+    settings = {"extraPaths": [str(source)], "typeCheckingMode": "basic"}
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps(settings), encoding="utf-8")
+    command = ["pyright", "--pythonpath", sys.executable, "--project", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout
+
+
 def test_build_shows_its_keywords_and_their_defaults() -> None:
     signature = inspect.signature(eaves.build)
     assert set(RunOptions.__annotations__) < set(signature.parameters)
@@ -66,6 +84,11 @@ def test_build_shows_its_keywords_and_their_defaults() -> None:
     assert signature.parameters["footprints"].default is None
     assert signature.parameters["footprints"].kind is inspect.Parameter.KEYWORD_ONLY
     assert "jobs: int = 1" in str(signature).replace("'", "")
+
+
+def test_help_of_the_first_door_fits_on_a_screen() -> None:
+    lines = pydoc.render_doc(eaves.find_buildings, renderer=pydoc.plaintext).splitlines()
+    assert sum(1 + len(line) // 120 for line in lines) <= 50
 
 
 def test_dir_lists_functions_methods_and_data_types() -> None:

@@ -166,3 +166,27 @@ def test_progress_is_bars_or_a_function(tile: Path, capsys: pytest.CaptureFixtur
     assert {"read", "blocks", "buildings", "write"} <= set(steps)
     eaves.find_buildings(tile, crs=SYSTEM, progress=True)
     assert "buildings" in capsys.readouterr().err
+
+
+def test_a_kept_run_of_values_in_memory_goes_on_from_its_folder(
+    run: eaves.Results, tile: Path, tmp_path: Path
+) -> None:
+    table, las = run.footprints[["id", "geometry"]], laspy.read(tile)
+    wanted = {"crs": SYSTEM, "footprints": table, "outputs": ("footprints", "models"), "keep": True}
+    out = tmp_path / "out"
+    kept = eaves.build(eaves.read(tile, crs=SYSTEM), out, **wanted)
+    given = sorted(path.name for path in (out / "given").iterdir())
+    assert [name.split("-")[0] for name in given] == ["footprints", "points"]
+    again = eaves.build(eaves.read(tile, crs=SYSTEM), out, resume=True, **wanted)
+    assert same(again.footprints, kept.footprints)
+    assert sorted(path.name for path in (out / "given").iterdir()) == given
+    write_laz(tmp_path / "later.laz", las.xyz[las.x < np.median(las.x)] + [0.0, 0.0, 0.002], epsg=SYSTEM)
+    updated = eaves.update(out, tmp_path / "later.laz", tmp_path / "new")
+    assert set(updated.footprints.id) == set(table.id)
+
+
+def test_what_is_refused_leaves_no_copy_of_values_in_memory(run: eaves.Results, tmp_path: Path) -> None:
+    cloud = eaves.PointCloud(np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="unknown level of detail"):
+        eaves.build(cloud, tmp_path / "out", footprints=run.footprints, lod="9", keep=True)
+    assert not (tmp_path / "out").exists()

@@ -5,7 +5,7 @@ import shapely
 from shapely import Polygon, box
 
 from eaves.buildings.join import BuildingPlan, OwnedBuildings, with_addresses
-from eaves.footprints.addresses import split_buildings
+from eaves.footprints.addresses import divide_buildings
 from eaves.methods import Emit, ignore
 from eaves.model import Block, Failure, Footprint, Points, Raster, Values
 from eaves.model.results import BuildingPoints
@@ -33,7 +33,7 @@ def test_a_detected_block_becomes_its_addresses_with_their_points() -> None:
     (plan,) = with_addresses([owned], addresses)
     assert len(plan.addresses) == 3
     block = Footprint(box(0, 0, 30, 10))
-    parts, outlines = split_buildings([building_of(30)], [block], plan.addresses)
+    parts, outlines = divide_buildings([building_of(30)], [block], "off", plan.addresses)
     assert [one.id for one in outlines if isinstance(one, Footprint)] == ["a", "b", ""]
     assert [len(one.xyz) for one in parts] == [80, 120, 100]
     assert all(one.score == 0.7 for one in parts)
@@ -45,13 +45,13 @@ def test_a_detected_block_becomes_its_addresses_with_their_points() -> None:
 def test_a_block_without_addresses_and_one_without_outline_stay_as_they_are() -> None:
     buildings = [building_of(30), building_of(20)]
     drawn: list[Footprint | Failure] = [Failure("no_area", "none", "outline"), Footprint(box(0, 0, 20, 10))]
-    parts, outlines = split_buildings(buildings, drawn, [Footprint(box(50, 50, 60, 60), id="a")])
+    parts, outlines = divide_buildings(buildings, drawn, "off", [Footprint(box(50, 50, 60, 60), id="a")])
     assert parts == buildings and outlines == drawn
 
 
 def test_an_address_whose_inner_point_lies_elsewhere_gives_no_id_twice() -> None:
     address = Footprint(box(0, 0, 40, 10), id="a", attributes={"street": "x"})
-    _, outlines = split_buildings([building_of(10)], [Footprint(box(0, 0, 10, 10))], [address])
+    _, outlines = divide_buildings([building_of(10)], [Footprint(box(0, 0, 10, 10))], "off", [address])
     (only,) = outlines
     assert isinstance(only, Footprint) and only.id == "" and only.attributes == {"street": "x"}
 
@@ -72,6 +72,6 @@ class Breaks(UnitMethod):
 def test_a_block_whose_division_fails_is_one_building_of_unsure_walls__the_others_are_divided() -> None:
     buildings = [building_of(30), building_of(20)]
     drawn: list[Footprint | Failure] = [Footprint(box(0, 0, 30, 10)), Footprint(box(0, 0, 20, 10))]
-    parts, outlines = split_buildings(buildings, drawn, [], Breaks())
+    parts, outlines = divide_buildings(buildings, drawn, Breaks())
     assert outlines[0] is drawn[0] and len(outlines) == 3
     assert [one.wall_certainty for one in parts] == [0.0, 0.9, 0.9]

@@ -12,6 +12,7 @@ import shapely
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.formats.vectors.polygons import list_vector_layers
 
 SQUARE = shapely.box(85000, 447000, 85010, 447010)
 PLANE = system_of(parse_crs("EPSG:28992"), "test", (85000.0, 447000.0))
@@ -93,3 +94,18 @@ def test_a_folder_and_an_archive_are_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "a.zip"):
         with pytest.raises(InputError, match="vector file"):
             read_polygons(path)
+
+
+def test_a_map_is_parsed_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pyogrio
+
+    path, parsed, real = tmp_path / "map.geojson", list[int](), pyogrio.read_info
+    monkeypatch.setattr(pyogrio, "read_info", lambda *args, **more: parsed.append(1) or real(*args, **more))  # type: ignore[func-returns-value]
+    for count in (1, 2):
+        feature = {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(SQUARE)}
+        path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature] * count}))
+        assert list_vector_layers(path)[0].count == count
+        calls = len(parsed)
+        assert list_vector_layers(path)[0].count == count
+        assert calls == len(parsed) > 0
+        parsed.clear()

@@ -15,6 +15,7 @@ from tests.conftest import build_in_blocks
 
 from eaves.blocks.block import block_pass
 from eaves.blocks.block_file import BlockFile, block_arrays
+from eaves.blocks.ground import Surroundings
 from eaves.figures.rows import BuildingRow
 from eaves.flow.review import LAYER, describe_doubts, distinct_doubts, doubt_row, face_doubts
 from eaves.formats.vectors.polygons import read_polygons
@@ -36,7 +37,7 @@ def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     middle = truth.cloud.xyz[:, 0].mean()
     cut = truth.cloud.take(truth.cloud.xyz[:, 0] < middle)  # the rim of the data runs through three roofs
     block = Block.at(*cut.origin, 240.0)
-    result = block_pass(classify_ground(cut), block, make_recipe())
+    result = block_pass(classify_ground(cut), Surroundings(block), make_recipe())
     assert {doubt.stage for doubt in result.doubts} == {"detect"}
     assert any("rim of the data" in doubt.reason for doubt in result.doubts)
     save_part(tmp_path / "block.part", block_arrays(result))

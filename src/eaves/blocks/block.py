@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.blocks.block_file import block_arrays
-from eaves.blocks.ground import large_objects
+from eaves.blocks.ground import Surroundings, surroundings_of
 from eaves.detect import detect_buildings
 from eaves.ground.toolkit.doubts import doubts_within
-from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.model import (
     BRIDGE_DECK,
@@ -27,11 +26,11 @@ from eaves.model import (
     Doubt,
     Mask,
     PointCloud,
-    Points,
     Raster,
     Regions,
     Scene,
 )
+from eaves.model.checks import check_type
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import scene_of, two_scenes
 from eaves.run.clock import Clock
@@ -44,45 +43,81 @@ if TYPE_CHECKING:
     from eaves.recipe.recipe import Recipe
 
 
-def block_pass(
-    cloud: PointCloud,
-    block: Block,
-    recipe: Recipe,
-    beneath: Points | None = None,
-    doubts: Sequence[Doubt] = (),
-    decks: Sequence[Decks] = (),
-) -> BlockResult:
+class BlockScenes(NamedTuple):
+    """The points of a block over its terrain, once as they are and once as the detector sees them.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    scene : Scene
+        The points with water, decks of bridges and what lies beneath large objects.
+    seen : Scene
+        The same points as a detector sees them: on the decks of bridges, and without wires.
+    wires : ndarray (N,) of bool
+        The points of wires.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> recipe = eaves.make_recipe()
+    >>> cloud = eaves.prepare_points(nine_roofs_on_a_slope(density=1.0).cloud)
+    >>> around = eaves.find_surroundings(cloud, recipe)
+    >>> int(eaves.make_scenes(eaves.classify_ground(cloud), around, recipe).wires.sum())
+    0
+    """
+
+    block: Block
+    scene: Scene
+    seen: Scene
+    wires: Mask
+
+
+def block_pass(cloud: PointCloud, around: Surroundings, recipe: Recipe) -> BlockResult:
     """Rasters and regions of one block.
 
     `cloud` bears the classes of the ground stage. It must hold the points of the block and of its
     surroundings up to `recipe.scene_buffer`, and no others: then the result does not depend on the files or
-    tiles they came from. `beneath` is the terrain (K, 3) beneath large objects, where these were looked for,
-    and `doubts` are those about them. `decks` are those of bridges: ground to stand on for the detector, and
-    no terrain.
+    tiles they came from.
     """
     clock = Clock()
+    scenes = make_scenes(cloud, around, recipe)
+    cloud, height = scenes.scene.cloud, scenes.seen.height
+    clock.lap("rasters")
+    regions, (least_area, least_height) = Regions(np.zeros(len(cloud), np.int32)), recipe.smallest
+    if recipe.detect is not None:
+        regions = detect_buildings(scenes.seen, recipe.detect, min_area=least_area, min_height=least_height)
+    clock.lap("detect")
+    vegetation = np.zeros(len(cloud), np.uint8)
+    if recipe.marks_vegetation and recipe.vegetation is not None:
+        vegetation = vegetation_classes(cloud, regions.label, regions.part, height, recipe.vegetation)
+    vegetation[scenes.wires] = WIRE
+    vegetation[find_towers(cloud, scenes.wires, regions.label > 0, height)] = WIRE_TOWER
+    result = block_result(scenes, regions, recipe, vegetation)
+    core, bounds = Bounds(0.0, 0.0, around.block.side, around.block.side), around.block.bounds
+    doubts = (
+        *(doubt.translated(*around.block.origin) for doubt in regions.doubts if holds(core, doubt)),
+        *doubts_within(cloud, bounds),
+        *around.doubts,
+        *(doubt for deck in around.decks for doubt in deck.cropped(bounds).doubts),
+    )
+    return replace(result, doubts=doubts, seconds=clock.laps)
+
+
+def block_result(
+    scenes: BlockScenes, regions: Regions, recipe: Recipe, vegetation: NDArray[np.uint8] | None = None
+) -> BlockResult:
+    """What a block keeps of its scenes and the regions that were detected in them, without doubts."""
+    block, cloud = scenes.block, scenes.scene.cloud
     core = Bounds(0.0, 0.0, block.side, block.side)
     window = core.buffered(recipe.scene_buffer)
-    scene, on_decks, wires = see_block(cloud, block, recipe, beneath, decks)
-    cloud = scene.cloud
-    clock.lap("rasters")
-    regions, (area, height) = Regions(np.zeros(len(cloud), np.int32)), recipe.smallest
-    if recipe.detect is not None:
-        regions = detect_buildings(on_decks, recipe.detect, min_area=area, min_height=height)
-    clock.lap("detect")
-
     inside = np.flatnonzero(core.contains(cloud.xyz))
     labelled = np.flatnonzero(regions.label > 0)
     place = cloud.xyz.take(labelled, axis=0)
     seam = labelled[core.buffered(SEAM).contains(place) & ~core.buffered(-SEAM).contains(place)]
-    part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
-    vegetation = np.zeros(len(cloud), np.uint8)
-    if recipe.marks_vegetation and recipe.vegetation is not None:
-        vegetation = vegetation_classes(
-            cloud, regions.label, regions.part, on_decks.height, recipe.vegetation
-        )
-    vegetation[wires] = WIRE
-    vegetation[find_towers(cloud, wires, regions.label > 0, on_decks.height)] = WIRE_TOWER
+    nothing = np.zeros(len(cloud), np.uint8)
+    part = nothing if regions.part is None else regions.part
     assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(
         block=block,
@@ -91,21 +126,14 @@ def block_pass(
         classification=cloud.classification[inside],
         label=regions.label[inside],
         part=part[inside],
-        vegetation=vegetation[inside],
-        height=scene.height[inside].astype(np.float32),
+        vegetation=(nothing if vegetation is None else vegetation)[inside],
+        height=scenes.scene.height[inside].astype(np.float32),
         score=np.round(regions.score, 3),
-        dtm=crop(scene.dtm, window.buffered(-recipe.scene_buffer)),
-        dsm=crop(scene.dsm, window.buffered(-recipe.scene_buffer)),
-        spacing=scene.spacing,
+        dtm=crop(scenes.scene.dtm, window.buffered(-recipe.scene_buffer)),
+        dsm=crop(scenes.scene.dsm, window.buffered(-recipe.scene_buffer)),
+        spacing=scenes.scene.spacing,
         seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
-        doubts=(
-            *(doubt.translated(*block.origin) for doubt in regions.doubts if holds(core, doubt)),
-            *doubts_within(cloud, block.bounds),
-            *doubts,
-            *(doubt for deck in decks for doubt in deck.cropped(block.bounds).doubts),
-        ),
-        seconds=clock.laps,
         keeps_low=recipe.keeps_low,
     )
 
@@ -113,15 +141,11 @@ def block_pass(
 @dataclass(frozen=True, eq=False)
 class BlockView:
     """All that decides the rasters and regions of a block: its points with those around, with classes; the
-    file (K,) of each of those inside, where there are several; the terrain (M, 3) beneath large objects,
-    their doubts in the block, and decks near it."""
+    file (K,) of each of those inside, where there are several; and what is wider than the block."""
 
-    block: Block
     cloud: PointCloud
     file: NDArray[Any]
-    beneath: Points | None
-    doubts: tuple[Doubt, ...]
-    decks: tuple[Decks, ...]
+    around: Surroundings
 
 
 def see_regions(
@@ -133,52 +157,67 @@ def see_regions(
     parameters: Any,
 ) -> BlockView:
     """View of a block from which its rasters and regions are computed."""
-    window = block.bounds.buffered(parameters.scene_buffer)
-    beneath, doubts = None, tuple[Doubt, ...]()
-    if parameters.sees_wide:
-        objects = large_objects(large)
-        beneath = objects.terrain_beneath(window.translated(-block.origin[0], -block.origin[1]), block.origin)
-        doubts = objects.doubts_in(block.bounds)
-    cropped_decks = tuple(
-        deck.cropped(window.buffered(COARSEST_M)) for square in decks for deck in decks[square]
-    )
-    return BlockView(block, points.with_ground(ground), points.file, beneath, doubts, cropped_decks)
+    around = surroundings_of(block, large, decks, parameters)
+    return BlockView(points.with_ground(ground), points.file, around)
 
 
 def find_regions(view: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
     """Rasters and regions of a block, as `BlockFile` reads them."""
-    result = block_pass(view.cloud, view.block, parameters, view.beneath, view.doubts, view.decks)
+    result = block_pass(view.cloud, view.around, parameters)
     return block_arrays(result) | {"from_file": view.file}
 
 
-def see_block(
-    cloud: PointCloud,
-    block: Block,
-    recipe: Recipe,
-    beneath: Points | None = None,
-    decks: Sequence[Decks] = (),
-) -> tuple[Scene, Scene, Mask]:
-    """The scene of a block; the one that the detector sees, on the decks of bridges and without wires; the
-    points (N,) of wires.
+def make_scenes(cloud: PointCloud, around: Surroundings, recipe: Recipe) -> BlockScenes:
+    """The scene of a block, and the one that the detector sees: on the decks of bridges and without wires.
 
-    The arguments are those of `block_pass`.
+    Parameters
+    ----------
+    cloud : PointCloud
+        The N points of a block and of what surrounds it, with the classes of `classify_ground` and ids.
+    around : Surroundings
+        What `find_surroundings` found.
+    recipe : Recipe
+        The methods.
+
+    Returns
+    -------
+    BlockScenes
+        `seen` is for `detect_buildings`, the whole for `gather_buildings`.
+
+    Raises
+    ------
+    TypeError
+        When `cloud` is no PointCloud.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> recipe = eaves.make_recipe()
+    >>> cloud = eaves.prepare_points(nine_roofs_on_a_slope(density=1.0).cloud)
+    >>> around = eaves.find_surroundings(cloud, recipe)
+    >>> scenes = eaves.make_scenes(eaves.classify_ground(cloud, wide=around.large), around, recipe)
+    >>> int(eaves.detect_buildings(scenes.seen).label.max())
+    9
     """
+    check_type(cloud, PointCloud, "cloud", "use prepare_points(eaves.read(path))")
+    block = around.block
     cloud = cloud.about(block.origin).in_canonical_order()
     window = Bounds(0.0, 0.0, block.side, block.side).buffered(recipe.scene_buffer)
-    wet = wet_or_bridged(cloud, decks)
+    wet = wet_or_bridged(cloud, around.decks)
     on_deck = wet == BRIDGE_DECK
     cloud = with_classes(cloud, wet)
     if on_deck.any() and recipe.detect:
         stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
-        scene, on_decks = two_scenes(cloud, stood, window, beneath=beneath)
+        scene, seen = two_scenes(cloud, stood, window, beneath=around.beneath)
     else:
-        scene = on_decks = scene_of(cloud, window, beneath=beneath)
+        scene = seen = scene_of(cloud, window, beneath=around.beneath)
     wires = np.zeros(len(cloud), bool)
     if recipe.marks_others:
         wires = find_wires(cloud, scene.height, scene.spacing)
-        hidden = with_classes(on_decks.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
-        on_decks = replace(on_decks, cloud=hidden)
-    return scene, on_decks, wires
+        hidden = with_classes(seen.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
+        seen = replace(seen, cloud=hidden)
+    return BlockScenes(block, scene, seen, wires)
 
 
 def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:

@@ -173,11 +173,16 @@ def show_block(arrays: dict[str, NDArray[Any]], parameters: Any) -> dict[str, ND
 
 
 class BlockFile:
-    """The file of one block."""
+    """The file of one block, or the arrays that would be in it."""
 
-    def __init__(self, path: Path, block: Block, read_points: Callable[[Block], NDArray[np.void]]) -> None:
+    def __init__(
+        self,
+        file: Path | Mapping[str, NDArray[Any]],
+        block: Block,
+        read_points: Callable[[Block], NDArray[np.void]],
+    ) -> None:
         self.block, self._read_points = block, read_points
-        self._file = PartFile(path)
+        self._file = PartFile(file) if isinstance(file, Path) else file
         self.about: dict[str, Any] = unpack(self._file["about"])
 
     def __getitem__(self, name: str) -> NDArray[Any]:

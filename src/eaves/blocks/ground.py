@@ -15,7 +15,18 @@ from eaves.ground import classify_ground
 from eaves.ground.stage import numbers_within
 from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
-from eaves.model import GRID_STEP, GROUND, NOISE_CLASSES, UNCLASSIFIED, Block, Bounds, Mask, PointCloud
+from eaves.model import (
+    GRID_STEP,
+    GROUND,
+    NOISE_CLASSES,
+    UNCLASSIFIED,
+    Block,
+    Bounds,
+    Doubt,
+    Mask,
+    PointCloud,
+    Points,
+)
 from eaves.model.block import extremes
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow
@@ -25,7 +36,6 @@ from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 
 if TYPE_CHECKING:
     from eaves.recipe.recipe import Recipe
-
 
 EMPTY_RIM = 24 * COARSEST_M
 """Margin (m) around the data that is looked at, as far as decks are followed: more, being empty, changes
@@ -102,6 +112,61 @@ def large_objects(large: Mapping[Block, tuple[Patch, ...]]) -> WideObjects:
     return WideObjects(tuple(patches))
 
 
+def objects_around(block: Block, large: Mapping[Block, tuple[Patch, ...]], recipe: Recipe) -> WideObjects:
+    """The large objects that the ground filter sees in a block."""
+    bounds = block.bounds.buffered(recipe.ground.buffer)
+    patches = large_objects(large).patches
+    return WideObjects(tuple(patch.cropped(bounds.buffered(patch.cell)) for patch in patches))
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What is wider than a block, as far as it is seen in it.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    large : WideObjects or None
+        Large objects over the terrain for the ground filter; None where none are looked for.
+    beneath : ndarray (K, 3) or None
+        The terrain beneath them, about the block's corner.
+    doubts : tuple of Doubt
+        Those about them, in world metres.
+    decks : tuple of Decks
+        Of bridges: ground to stand on for the detector, and no terrain.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.Surroundings(eaves.Block(0, 0)).decks
+    ()
+    """
+
+    block: Block
+    large: WideObjects | None = None
+    beneath: Points | None = None
+    doubts: tuple[Doubt, ...] = ()
+    decks: tuple[Decks, ...] = ()
+
+
+def surroundings_of(
+    block: Block,
+    large: Mapping[Block, tuple[Patch, ...]],
+    decks: Mapping[Block, tuple[Decks, ...]],
+    recipe: Recipe,
+) -> Surroundings:
+    """What the detector's surroundings of a block show of the large objects and decks of some squares."""
+    window = block.bounds.buffered(recipe.scene_buffer)
+    beneath, doubts = None, tuple[Doubt, ...]()
+    if recipe.sees_wide:
+        objects = large_objects(large)
+        beneath = objects.terrain_beneath(window.translated(-block.origin[0], -block.origin[1]), block.origin)
+        doubts = objects.doubts_in(block.bounds)
+    cropped = (deck.cropped(window.buffered(COARSEST_M)) for square in decks for deck in decks[square])
+    return Surroundings(block, None, beneath, doubts, tuple(cropped))
+
+
 def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
     """World metres (half-open) of points (N, 3) in quanta about a block's corner; None for no points."""
     if len(quanta) == 0:
@@ -133,11 +198,7 @@ def see_ground(
     block: Block, points: PointWindow, large: Mapping[Block, tuple[Patch, ...]], parameters: Any
 ) -> GroundView:
     """View of a block from which its ground is computed."""
-    objects = None
-    if parameters.sees_wide:
-        bounds = block.bounds.buffered(parameters.ground.buffer)
-        patches = large_objects(large).patches
-        objects = WideObjects(tuple(patch.cropped(bounds.buffered(patch.cell)) for patch in patches))
+    objects = objects_around(block, large, parameters) if parameters.sees_wide else None
     return GroundView(block, points.cloud, points.inside, objects)
 
 

@@ -21,9 +21,9 @@ from eaves.buildings.gather import MARGIN, Gatherer, cells_of, is_seen_beside
 from eaves.buildings.join import OwnedBuildings
 from eaves.figures.attributes import measure_again
 from eaves.figures.trust import CELLS, NO_ROOF
-from eaves.footprints.addresses import split_buildings
+from eaves.footprints.addresses import divide_buildings
 from eaves.geometry.tolerance import PLANARITY, SNAP
-from eaves.methods import ContractError, check_returned, naming
+from eaves.methods import ContractError, MethodChoice, check_returned, naming, resolve_method
 from eaves.model import (
     OVERHANGS,
     Block,
@@ -90,11 +90,11 @@ def model_buildings(
     failures = [building for building in view.buildings if isinstance(building, Failure)]
     detected = [building for building in view.buildings if not isinstance(building, Failure)]
     clock = Clock()
-    traced = [pair for building in detected for pair in trace_parts(building, parameters.outline)]
-    footprints = draw_all([boundary for _, boundary in traced], parameters.outline)
-    buildings = [building for building, _ in traced]
+    buildings, traced = trace_buildings(detected, parameters.outline)
+    footprints = draw_outlines(traced, parameters.outline)
     clock.lap("outline")
-    buildings, footprints = split_buildings(buildings, footprints, view.addresses, parameters.units)
+    units = parameters.units or "off"
+    buildings, footprints = divide_buildings(buildings, footprints, units, view.addresses)
     clock.lap("units")
     keys = [key_of(building, shape) for building, shape in zip(buildings, footprints, strict=True)]
     todo = [number for number, key in enumerate(keys) if key not in before]
@@ -175,18 +175,48 @@ def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[Build
     return [building.take(number[nearest] == k) for k in range(int(number.max()) + 1)]
 
 
-def trace_parts(
-    building: BuildingPoints, outline: OutlineMethod
-) -> list[tuple[BuildingPoints, Boundary | Footprint | Failure]]:
-    """The parts of a building, each with its boundary, or with the footprint that it is given."""
-    try:
-        parts = divide_parts(building, outline)
-        return [(part, part.given or trace_part(part, outline)) for part in parts]
-    except ContractError:
-        raise
-    except Exception as error:  # as in try_building: the others must not go with it
-        log.debug("traceback", exc_info=True)
-        return [(building, Failure("internal_error", error_line(error), "outline"))]
+def trace_buildings(
+    buildings: Sequence[BuildingPoints], method: MethodChoice = None
+) -> tuple[list[BuildingPoints], list[Boundary | Footprint | Failure]]:
+    """The parts of buildings that have an outline each, and the boundary of each part's points.
+
+    Parameters
+    ----------
+    buildings : sequence of BuildingPoints
+        Those of `gather_buildings`.
+    method : OutlineMethod, str, mapping or None
+        The method, its name, or its parameters; None is `GlobalFit()`.
+
+    Returns
+    -------
+    (list of BuildingPoints, list of Boundary, Footprint or Failure)
+        The parts in the order of their buildings, and for each what `draw_outlines` takes: its footprint
+        where it is given one.
+
+    Raises
+    ------
+    ValueError
+        When no method or parameter has that name.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.trace_buildings([])
+    ([], [])
+    """
+    outline = resolve_method("outline", method)
+    assert isinstance(outline, OutlineMethod)
+    traced = list[tuple[BuildingPoints, Boundary | Footprint | Failure]]()
+    for building in buildings:
+        try:
+            parts = divide_parts(building, outline)
+            traced += [(part, part.given or trace_part(part, outline)) for part in parts]
+        except ContractError:
+            raise
+        except Exception as error:  # as in try_building: the others must not go with it
+            log.debug("traceback", exc_info=True)
+            traced.append((building, Failure("internal_error", error_line(error), "outline")))
+    return [part for part, _ in traced], [boundary for _, boundary in traced]
 
 
 def trace_part(part: BuildingPoints, outline: OutlineMethod) -> Boundary | Failure:
@@ -201,11 +231,36 @@ def trace_part(part: BuildingPoints, outline: OutlineMethod) -> Boundary | Failu
     )
 
 
-def draw_all(
-    traced: Sequence[Boundary | Footprint | Failure], outline: OutlineMethod
+def draw_outlines(
+    traced: Sequence[Boundary | Footprint | Failure], method: MethodChoice = None
 ) -> list[Footprint | Failure]:
     """The footprints of a block's boundaries, regularised together, so that neighbours share their edges; one
-    by one where one of them breaks the others. What is no boundary is the answer itself."""
+    by one where one of them breaks the others.
+
+    Parameters
+    ----------
+    traced : sequence of Boundary, Footprint or Failure
+        Those of `trace_buildings`; what is no boundary is the result itself.
+    method : OutlineMethod, str, mapping or None
+        The method, its name, or its parameters; None is `GlobalFit()`.
+
+    Returns
+    -------
+    list of Footprint or Failure
+        One for each, in their order.
+
+    Raises
+    ------
+    ValueError
+        When no method or parameter has that name.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.draw_outlines([])
+    []
+    """
+    outline = resolve_method("outline", method)
     boundaries = [one for one in traced if isinstance(one, Boundary)]
     try:
         regular = iter(regularise_outlines(boundaries, outline))
@@ -215,7 +270,7 @@ def draw_all(
         if len(traced) == 1:
             log.debug("traceback", exc_info=True)
             return [Failure("internal_error", error_line(error), "outline")]
-        return [draw_all([one], outline)[0] for one in traced]
+        return [draw_outlines([one], outline)[0] for one in traced]
     return [next(regular) if isinstance(one, Boundary) else one for one in traced]
 
 
@@ -233,18 +288,11 @@ def building_pass(
     may have levels that are not valid, or not asked for.
     """
     clock = Clock()
-    roof = np.flatnonzero(building.part != WALL)
-    roof = roof[~crown_points(building.xyz[roof], building.roof_not_last)]
+    roof = select_roof(building)
     points = building.xyz[roof]
     plane = np.zeros(len(building.xyz), np.int32)
     if isinstance(footprint, Failure):
-        blank = name_footprint(hull_of(building.xyz, building.spacing), building)
-        return BuildingResult(
-            Failure(footprint.code, footprint.reason, footprint.stage, blank),
-            building.point_id,
-            plane,
-            clock.laps,
-        )
+        return BuildingResult(failure_in_place(footprint, building), building.point_id, plane, clock.laps)
     footprint = name_footprint(footprint, building)
     if recipe.lod == "0":
         model = BuildingModel(footprint, {}, attributes=unit_attributes(footprint, building))
@@ -259,35 +307,178 @@ def building_pass(
     doubt = "" if flat or recipe.from_raster else lacks_roof(building, roof, planes)
     base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
     if not np.isfinite(base):
-        outcome: BuildingModel | Failure = Failure(
-            "no_ground", "no terrain under the footprint", "reconstruct"
-        )
+        outcome: BuildingModel | Failure = no_ground(footprint)
     else:
         method = FALLBACK if doubt else recipe.reconstruct
         outcome = reconstruct_building(points, footprint, planes, base, method)
         if doubt and isinstance(outcome, BuildingModel):
             why = {"fallback_code": NO_ROOF, "fallback_reason": doubt}
             outcome = outcome.with_(attributes={**outcome.attributes, **why})
-    described = outcome.lod if isinstance(outcome, BuildingModel) else ""
-    if isinstance(outcome, BuildingModel) and recipe.lod == OVERHANGS:
-        around = points if building.around is None else building.around
-        terrain_below = building.terrain.at(around)
-        over_ground = around[:, 2] - np.where(np.isfinite(terrain_below), terrain_below, base)
-        outcome = add_overhangs(outcome, around, over_ground, recipe.overhangs)
+    finished = with_overhangs(outcome, points, base, building, recipe)
     clock.lap("reconstruct")
-    if isinstance(outcome, BuildingModel) and check:
-        outcome = keep_valid(outcome, recipe.lod, unit_m)
+    if isinstance(finished, BuildingModel) and check:
+        finished = keep_valid(finished, recipe.lod, unit_m)
     clock.lap("validate")
+    finished = with_facts(finished, outcome, terrain, footprint, building, recipe)
+    return BuildingResult(finished, building.point_id, plane, clock.laps)
+
+
+def select_roof(building: BuildingPoints) -> NDArray[np.int64]:
+    """The points of a building that show its roof: not those on its walls, nor of crowns over it.
+
+    Parameters
+    ----------
+    building : BuildingPoints
+        One of `divide_buildings`, of N points.
+
+    Returns
+    -------
+    ndarray (M,) of int64
+        Their numbers, ascending.
+
+    Raises
+    ------
+    AttributeError
+        When it is no BuildingPoints.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> buildings = []                                   # of divide_buildings
+    >>> [building.xyz[eaves.select_roof(building)] for building in buildings]
+    []
+    """
+    roof = np.flatnonzero(building.part != WALL)
+    return roof[~crown_points(building.xyz[roof], building.roof_not_last)]
+
+
+def place_footprint(footprint: Footprint | Failure, building: BuildingPoints) -> Footprint | Failure:
+    """The footprint of a building with its place in the world, its id and its score.
+
+    Parameters
+    ----------
+    footprint : Footprint or Failure
+        One of `divide_buildings`.
+    building : BuildingPoints
+        That with the points in it.
+
+    Returns
+    -------
+    Footprint or Failure
+        A Failure `no_ground` where no terrain is known under it; one that is given, with the place of the
+        points.
+
+    Raises
+    ------
+    AttributeError
+        When one is of another type.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> pairs = zip([], [])                              # buildings and footprints of divide_buildings
+    >>> [eaves.place_footprint(footprint, building) for building, footprint in pairs]
+    []
+    """
+    if isinstance(footprint, Failure):
+        return failure_in_place(footprint, building)
+    named = name_footprint(footprint, building)
+    base, _ = heights_under(named, building.terrain, building.ground_nearest)
+    return named if np.isfinite(base) else no_ground(named)
+
+
+def failure_in_place(failure: Failure, building: BuildingPoints) -> Failure:
+    """The failure of a building that has no outline, with the place of its points."""
+    blank = name_footprint(hull_of(building.xyz, building.spacing), building)
+    return Failure(failure.code, failure.reason, failure.stage, blank)
+
+
+def no_ground(footprint: Footprint) -> Failure:
+    """The failure of a building under which no terrain is known."""
+    return Failure("no_ground", "no terrain under the footprint", "reconstruct", footprint)
+
+
+def complete_model(
+    outcome: BuildingModel | Failure,
+    footprint: Footprint | Failure,
+    building: BuildingPoints,
+    recipe: Recipe,
+    unit_m: float = 1.0,
+) -> BuildingModel | Failure:
+    """The model of a building as a run leaves it: with its valid levels and all that is known of it.
+
+    Parameters
+    ----------
+    outcome : BuildingModel or Failure
+        What `reconstruct_building` gave.
+    footprint : Footprint or Failure
+        What `place_footprint` gave.
+    building : BuildingPoints
+        One of `divide_buildings`.
+    recipe : Recipe
+        The methods.
+    unit_m : float
+        Unit (m) that models are written in, in which the limits of validators hold:
+        `cloud.system.horizontal_unit_m`.
+
+    Returns
+    -------
+    BuildingModel or Failure
+        The levels that are valid and no finer than the recipe asks for, LoD 2.3 where it does, with the
+        figures from which trust follows: ground beside it, its outline, its party walls.
+
+    Raises
+    ------
+    AttributeError
+        When an argument is of another type.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> failure = eaves.Failure("no_area", "the outline encloses no area", "outline")
+    >>> eaves.complete_model(failure, failure, None, eaves.make_recipe()).code
+    'no_area'
+    """
+    if isinstance(footprint, Failure):
+        return footprint
+    base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
+    finished = with_overhangs(outcome, building.xyz[select_roof(building)], base, building, recipe)
+    if isinstance(finished, BuildingModel):
+        finished = keep_valid(finished, recipe.lod, unit_m)
+    return with_facts(finished, outcome, terrain, footprint, building, recipe)
+
+
+def with_overhangs(
+    outcome: BuildingModel | Failure, points: Points, base: float, building: BuildingPoints, recipe: Recipe
+) -> BuildingModel | Failure:
+    """A model over its `base` with LoD 2.3, where that is asked for; `points` are those of the roof."""
+    if isinstance(outcome, Failure) or recipe.lod != OVERHANGS:
+        return outcome
+    around = points if building.around is None else building.around
+    terrain_below = building.terrain.at(around)
+    over_ground = around[:, 2] - np.where(np.isfinite(terrain_below), terrain_below, base)
+    return add_overhangs(outcome, around, over_ground, recipe.overhangs)
+
+
+def with_facts(
+    outcome: BuildingModel | Failure,
+    described: BuildingModel | Failure,
+    terrain: float,
+    footprint: Footprint,
+    building: BuildingPoints,
+    recipe: Recipe,
+) -> BuildingModel | Failure:
+    """What is left of a building that was `described`, with the facts of its outline and the ground; at
+    `terrain` (m) it meets the ground."""
     if isinstance(outcome, Failure):
-        outcome = Failure(outcome.code, outcome.reason, outcome.stage, footprint)
-    else:
-        outcome = outcome if outcome.lod == described else measure_again(outcome)
-        facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
-        facts |= {"ground_source": CELLS} if recipe.from_raster else ground_facts(footprint, building)
-        if building.given is None:
-            facts |= outline_facts(footprint, building)
-        outcome = outcome.with_(attributes={**outcome.attributes, **facts})
-    return BuildingResult(outcome, building.point_id, plane, clock.laps)
+        return Failure(outcome.code, outcome.reason, outcome.stage, footprint)
+    if isinstance(described, BuildingModel) and outcome.lod != described.lod:
+        outcome = measure_again(outcome)
+    facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
+    facts |= {"ground_source": CELLS} if recipe.from_raster else ground_facts(footprint, building)
+    if building.given is None:
+        facts |= outline_facts(footprint, building)
+    return outcome.with_(attributes={**outcome.attributes, **facts})
 
 
 def lacks_roof(building: BuildingPoints, roof: NDArray[np.int64], planes: Sequence[RoofPlane]) -> str:

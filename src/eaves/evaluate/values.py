@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,8 +16,9 @@ from eaves.evaluate.footprint_scores import FootprintScore, evaluate_footprints
 from eaves.evaluate.ground_scores import GroundScore, evaluate_ground
 from eaves.evaluate.images import common_grid, open_buildings
 from eaves.evaluate.report import Evaluation
-from eaves.formats import read_polygons
-from eaves.formats.in_memory import as_polygon_file
+from eaves.flow.results import MODELS, ModelledBuildings, Results
+from eaves.formats import read, read_polygons, write_cityjson_seq
+from eaves.formats.in_memory import as_point_files, as_polygon_file
 from eaves.model import Mask, PointCloud
 
 
@@ -51,13 +55,13 @@ def footprints(result: Any, reference: Any) -> FootprintScore:
     return evaluate_footprints(shapes, true, ids, true_ids)
 
 
-def ground(result: Mask | PointCloud, reference: Mask | PointCloud) -> GroundScore:
+def ground(result: Mask | PointCloud | str | Path, reference: Mask | PointCloud | str | Path) -> GroundScore:
     """Scores of the ground of the same points in the same order.
 
     Parameters
     ----------
-    result, reference : ndarray (N,) of bool or PointCloud
-        Masks, or clouds with classes.
+    result, reference : ndarray (N,) of bool, PointCloud or path
+        Masks, or clouds with classes, or files of them.
 
     Returns
     -------
@@ -68,6 +72,8 @@ def ground(result: Mask | PointCloud, reference: Mask | PointCloud) -> GroundSco
     ------
     ValueError
         When a cloud has no classes, or the numbers of points differ.
+    InputError
+        When a file cannot be read.
 
     Examples
     --------
@@ -77,7 +83,8 @@ def ground(result: Mask | PointCloud, reference: Mask | PointCloud) -> GroundSco
     >>> eaves.evaluate.ground(eaves.classify_ground(truth.cloud), truth.classified()).total_error < 0.05
     True
     """
-    masks = [one.ground if isinstance(one, PointCloud) else np.asarray(one) for one in (result, reference)]
+    clouds = (read(one) if isinstance(one, str | Path) else one for one in (result, reference))
+    masks = [one.ground if isinstance(one, PointCloud) else np.asarray(one) for one in clouds]
     return evaluate_ground(*masks)
 
 
@@ -117,15 +124,17 @@ def detection(result: Any, reference: Any) -> DetectionScore:
     return evaluate_detection(judged.label_image(grid)[0], truth, grid.cell, known)
 
 
-def roofs(result: str | Path, reference: str | Path, lod: str | None = None) -> Evaluation:
+def roofs(
+    result: str | Path | Results | ModelledBuildings, reference: Any, lod: str | None = None
+) -> Evaluation:
     """Agreement of models with points, or with other models.
 
     Parameters
     ----------
-    result : str or Path
-        CityJSON: `results.folder / "buildings.city.jsonl"`.
-    reference : str or Path
-        A classified cloud, or CityJSON.
+    result : Results, ModelledBuildings or path
+        What `build`, `find_buildings` or `model_buildings` returned, or CityJSON.
+    reference : Results, ModelledBuildings, PointCloud, laspy.LasData or path
+        Other models, or points that are classified.
     lod : str or None
         Level of detail; by default the finest of each building.
 
@@ -142,6 +151,25 @@ def roofs(result: str | Path, reference: str | Path, lod: str | None = None) -> 
     Examples
     --------
     >>> import eaves
-    >>> eaves.evaluate.roofs("out/buildings.city.jsonl", "tile.laz").figures  # doctest: +SKIP
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> cloud = nine_roofs_on_a_slope(density=4.0).classified()
+    >>> found = eaves.find_buildings(cloud)
+    >>> eaves.evaluate.roofs(found, cloud).figures["models"]
+    9
     """
-    return evaluate_files("models", Path(result), Path(reference), lod=lod)
+    with as_models_file(result) as judged, as_models_file(reference) as true:
+        return evaluate_files("models", judged, true, lod=lod)
+
+
+@contextmanager
+def as_models_file(given: Any) -> Iterator[Path]:
+    """The file of models or points that a value names, or one, until the block ends, that holds them."""
+    if isinstance(given, Results):
+        yield given.folder / MODELS
+    elif isinstance(given, ModelledBuildings):
+        with TemporaryDirectory(prefix="eaves-") as folder:
+            write_cityjson_seq(path := Path(folder) / MODELS, given.models, given.system)
+            yield path
+    else:
+        with as_point_files(given) as path:
+            yield Path(path)

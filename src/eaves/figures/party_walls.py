@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.figures.roof_figures import QUARTERS, quarter_of
 from eaves.geometry.face_table import FaceTable
-from eaves.model import WALL_SURFACE, BuildingModel
+from eaves.model import WALL_SURFACE, BuildingModel, Failure
 
 PARTY_WALLS = "party_wall_area_m2"
 
@@ -23,6 +23,8 @@ PARTY_GAP = 0.3
 
 MOST_TURN_DEG = 5.0
 """Walls that face each other to this angle (degrees) are parallel."""
+
+DECIMALS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,3 +160,80 @@ def envelope_figures(
         if volume:
             figures["envelope_per_volume"] = round(envelope / volume, 3)
     return figures
+
+
+def share_walls(models: Sequence[BuildingModel | Failure]) -> list[BuildingModel | Failure]:
+    """The models with the walls that they share with each other, their numbers to a millimetre: the last step
+    before they are written.
+
+    Parameters
+    ----------
+    models : sequence of BuildingModel or Failure
+        Buildings with their footprints about any origins; failures stay as they are.
+
+    Returns
+    -------
+    list of BuildingModel or Failure
+        In the same order, with the areas (m²) of party walls and of free ones, by quarter of the compass, and
+        the floors and the envelope that follow, as docs/columns.md lists them.
+
+    Raises
+    ------
+    AttributeError
+        When an element is no building.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> house = nine_roofs_on_a_slope(density=1.0).buildings[0].model()
+    >>> eaves.share_walls([house])[0].attributes["party_wall_area_m2"]
+    0.0
+    """
+    placed = [model for model in models if model.footprint is not None]
+    shapes = np.array([model.footprint.world for model in placed if model.footprint is not None], object)
+    walls = iter(walls_between(shapes, range(len(placed)), cache(lambda number: walls_of(placed[number]))))
+    return [with_walls(model, None if model.footprint is None else next(walls)) for model in models]
+
+
+def walls_between(
+    shapes: NDArray[np.object_], subjects: Sequence[int], load: Callable[[int], Walls | None]
+) -> list[dict[str, float] | None]:
+    """The walls (`wall_figures`) of some of several buildings, by number, beside all of them; None for one
+    without solids. `shapes` are their outlines in the world, `load` gives the walls of one."""
+    first, second = shapely.STRtree(shapes).query(
+        shapes[list(subjects)], predicate="dwithin", distance=PARTY_GAP
+    )
+    found: list[dict[str, float] | None] = []
+    for place, number in enumerate(subjects):
+        own = load(number)
+        near = [load(other) for other in np.sort(second[first == place]).tolist() if own and other != number]
+        known = [walls for walls in near if walls is not None]
+        found.append(None if own is None else wall_figures(own, known))
+    return found
+
+
+def walls_of(outcome: BuildingModel | Failure) -> Walls | None:
+    """The walls of a building that has solids."""
+    return Walls.of(outcome) if isinstance(outcome, BuildingModel) and outcome.solids else None
+
+
+def with_walls(
+    outcome: BuildingModel | Failure, walls: Mapping[str, float] | None
+) -> BuildingModel | Failure:
+    """The result of a building, a model with the figures that follow from its walls (`wall_figures`)."""
+    if not isinstance(outcome, BuildingModel):
+        return outcome
+    attributes, storeys = outcome.attributes, outcome.footprint.attributes.get("storeys")
+    if walls is not None:
+        attributes = attributes | envelope_figures(walls, attributes, outcome.footprint.polygon.area, storeys)
+    return outcome.with_(attributes=with_decimals(attributes))
+
+
+def with_decimals(value: Any) -> Any:
+    """Attributes with every number to 0.001 of its unit, a millimetre of heights: more is no measurement."""
+    if isinstance(value, float):
+        return round(value, DECIMALS)
+    if isinstance(value, dict):
+        return {name: with_decimals(item) for name, item in value.items()}
+    return [with_decimals(item) for item in value] if isinstance(value, list | tuple) else value

@@ -36,7 +36,7 @@ class BuildingRow:
         """The columns of one building."""
         footprint = result.footprint
         assert footprint is not None
-        row = building_row(result)
+        row = describe_model(result)
         map_columns = {f"given_{key}": value for key, value in footprint.attributes.items()}
         modelled = isinstance(result, BuildingModel)
         return cls(
@@ -58,8 +58,33 @@ class BuildingRow:
         return {**self.values, "number": number, **floors, **self.given}
 
 
-def building_row(result: BuildingModel | Failure) -> dict[str, Any]:
-    """The attributes of one building that are known when it is modelled, and the place of its number."""
+def describe_model(result: BuildingModel | Failure) -> dict[str, Any]:
+    """The columns of one building that are known when it is modelled, its trust among them.
+
+    Parameters
+    ----------
+    result : BuildingModel or Failure
+        With its footprint.
+
+    Returns
+    -------
+    dict
+        Column → value, as docs/columns.md lists them: `trust` (high, medium, low), `trust_score` (0 to 1) and
+        `review_reason` say how far it can be relied on. `number` is 0: tables number their rows.
+
+    Raises
+    ------
+    AttributeError
+        When it is no building.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> house = nine_roofs_on_a_slope(density=1.0).buildings[0].model()
+    >>> eaves.describe_model(house)["lod"]
+    '2.2'
+    """
     footprint = result.footprint
     assert footprint is not None
     row: dict[str, Any] = {

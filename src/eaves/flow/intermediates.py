@@ -12,7 +12,7 @@ from rasterio.features import rasterize
 from rasterio.transform import Affine
 from shapely import LineString, Polygon
 
-from eaves.blocks.block import BlockView, see_block
+from eaves.blocks.block import BlockView, make_scenes
 from eaves.detect import detect_buildings
 from eaves.detect.consensus.method import CELL_SPACINGS, LEAST_CELL_M
 from eaves.detect.toolkit.cells import side_near
@@ -114,7 +114,7 @@ def block_steps(run: Run, view: BlockView, wide: WideObjects | None) -> StepMaps
     """The map of each step of one block, by stage and name, and its models, about the origin of the block; of
     all that decides its regions, and the large objects near it."""
     recipe = run.recipe
-    scene, on_decks, _ = see_block(view.cloud, view.block, recipe, view.beneath, view.decks)
+    _, scene, on_decks, _ = make_scenes(view.cloud, view.around, recipe)
     xyz, side = scene.cloud.xyz, side_near(max(LEAST_CELL_M, CELL_SPACINGS * scene.spacing))
     source = run.options["source"]
     stages = REGISTRY if source is None else find_source(source).methods

@@ -17,7 +17,14 @@ from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
-from eaves.figures.party_walls import PARTY_GAP, Walls, envelope_figures, wall_figures
+from eaves.figures.party_walls import (
+    PARTY_GAP,
+    Walls,
+    walls_between,
+    walls_of,
+    with_decimals,
+    with_walls,
+)
 from eaves.figures.trust import judge
 from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
 from eaves.flow.feet import feet_remark
@@ -49,7 +56,6 @@ from eaves.run.workers import peak_memory_mb
 if TYPE_CHECKING:
     from eaves.flow.classified_points import PointSink
 
-DECIMALS = 3
 COUNTED = ("by_lod", "trust", "failures", "fallbacks")
 """What is counted of buildings, as the summary and run.json name it."""
 
@@ -113,27 +119,6 @@ def finished_models(
     walls = iter(party_walls(buildings, owners) if shared is None else shared)
     for outcome in buildings.answers(owners):
         yield with_walls(outcome, next(walls, None))
-
-
-def with_walls(
-    outcome: BuildingModel | Failure, walls: Mapping[str, float] | None
-) -> BuildingModel | Failure:
-    """The result of a building, a model with the figures that follow from its walls (`wall_figures`)."""
-    if not isinstance(outcome, BuildingModel):
-        return outcome
-    attributes, storeys = outcome.attributes, outcome.footprint.attributes.get("storeys")
-    if walls is not None:
-        attributes = attributes | envelope_figures(walls, attributes, outcome.footprint.polygon.area, storeys)
-    return outcome.with_(attributes=with_decimals(attributes))
-
-
-def with_decimals(value: Any) -> Any:
-    """Attributes with every number to 0.001 of its unit, a millimetre of heights: more is no measurement."""
-    if isinstance(value, float):
-        return round(value, DECIMALS)
-    if isinstance(value, dict):
-        return {name: with_decimals(item) for name, item in value.items()}
-    return [with_decimals(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 class Written(NamedTuple):
@@ -408,26 +393,4 @@ def walls_in(
     ]
     subjects = [k for k, (number, *_) in enumerate(places) if number == owner]
     shapes = np.array([polygon for *_, polygon in places], object)
-    first, second = shapely.STRtree(shapes).query(shapes[subjects], predicate="dwithin", distance=PARTY_GAP)
-    return [
-        shared_by(places[k][:2], [places[n][:2] for n in np.sort(second[first == subject]).tolist()], load)
-        for subject, k in enumerate(subjects)
-    ]
-
-
-def walls_of(outcome: BuildingModel | Failure) -> Walls | None:
-    """The walls of a building that has solids."""
-    return Walls.of(outcome) if isinstance(outcome, BuildingModel) and outcome.solids else None
-
-
-def shared_by(
-    place: tuple[int, int],
-    near: Sequence[tuple[int, int]],
-    load: Callable[[int], Callable[[int], Walls | None]],
-) -> dict[str, float] | None:
-    """The walls (m², `wall_figures`) of the building at `place`, an owner and a number in it."""
-    subject = load(place[0])(place[1])
-    if subject is None:
-        return None
-    neighbours = [load(owner)(number) for owner, number in near if (owner, number) != place]
-    return wall_figures(subject, [walls for walls in neighbours if walls is not None])
+    return walls_between(shapes, subjects, lambda k: load(places[k][0])(places[k][1]))

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from eaves.figures.rows import building_row
+from eaves.figures.rows import describe_model
 from eaves.formats import InputError, read, read_polygons
 from eaves.formats.crs import horizontal_crs, plane_part
 from eaves.formats.errors import INSTALL
@@ -272,7 +272,7 @@ def to_geopandas(
         about = (
             {"id": item.id, "score": item.score, **item.attributes}
             if isinstance(item, Footprint)
-            else building_row(item)
+            else describe_model(item)
         )
         shapes.append(outline.world)
         rows.append(about)

@@ -257,7 +257,7 @@ def plan_run(
     if options["steps"]:
         require_extra("plots")
     folder = Path(out)
-    polygons = {name: Path(path) for name in POLYGONS if (path := options[name]) is not None}  # type: ignore[literal-required]
+    polygons = {name: Path(str(path)) for name in POLYGONS if (path := options[name]) is not None}
     asked: Any = options["bounds"]
     sides = None if asked is None else (asked.west, asked.south, asked.east, asked.north)
     rasters = list(filter(is_raster, [inputs] if isinstance(inputs, str | Path) else inputs))
@@ -282,7 +282,7 @@ def plan_run(
     )
     options["to_crs"] = index.to_crs  # an update, whose first file may be another one, keeps to it
     check_whole(index, options)
-    hashes = {name: hash_of(polygons.get(name)) for name in POLYGONS}
+    hashes: dict[str, str | None] = {name: hash_of(polygons.get(name)) for name in POLYGONS}
     window = window_of(
         index, options, read_area(polygons["clip"], index.system) if "clip" in polygons else None
     )

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.methods import ContractError
+from eaves.methods import ContractError, MethodChoice, resolve_method
 from eaves.model import Failure, Footprint, Integers
 from eaves.model.checks import error_line
 from eaves.model.results import BuildingPoints
@@ -25,21 +25,50 @@ log = logging.getLogger("eaves")
 Drawn = list[Footprint | Failure]
 
 
-def split_buildings(
+def divide_buildings(
     buildings: Sequence[BuildingPoints],
-    footprints: Drawn,
-    addresses: Sequence[Footprint],
-    units: UnitMethod | None = None,
+    footprints: Sequence[Footprint | Failure],
+    method: MethodChoice = None,
+    addresses: Sequence[Footprint] = (),
 ) -> tuple[list[BuildingPoints], Drawn]:
     """Buildings and footprints with every detected block divided into its addresses, else into its units.
 
     The part with the inner point of an address carries its id; all parts carry its attributes, and what no
     address covers is a building of its own. A block that no address lies in is divided along the party walls
-    that `units` finds in its points. The points of the block go to the part they lie in or next to.
+    that the method finds in its points. The points of the block go to the part they lie in or next to.
 
     A block whose division raises stays one building, with walls of no certainty: it must not take the others
     with it.
+
+    Parameters
+    ----------
+    buildings : sequence of BuildingPoints
+        Those of `trace_buildings`.
+    footprints : sequence of Footprint or Failure
+        One for each, as `draw_outlines` gives them.
+    method : UnitMethod, str, mapping or None
+        The method of the units, its name, or its parameters; `off` for none; None is `RowWalls()`.
+    addresses : sequence of Footprint
+        Between known party walls, about the same origin.
+
+    Returns
+    -------
+    (list of BuildingPoints, list of Footprint or Failure)
+        A building that is divided has its parts in its place.
+
+    Raises
+    ------
+    ValueError
+        When there is not one footprint for each building, or no method has that name.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.divide_buildings([], [])
+    ([], [])
     """
+    units = None if method == "off" else resolve_method("units", method)
+    assert isinstance(units, UnitMethod | None)
     pieces: list[BuildingPoints] = []
     outlines: Drawn = []
     for building, footprint in zip(buildings, footprints, strict=True):

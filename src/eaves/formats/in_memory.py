@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import shutil
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,9 +20,12 @@ from eaves.model import PointCloud
 from eaves.model.checks import as_points, describe
 from eaves.model.cloud import GRID_STEP
 
-POINTS, POLYGONS = "points.las", "polygons.gpkg"
+POINTS = "points.las"
+GIVEN = "given"
+"""Folder, in that of a run that is kept, of the points and polygons that it was given in memory."""
 STANDARD = ("intensity", "gps_time", "point_source_id", "red", "green", "blue", "nir")
 """Fields of a cloud that a file of points holds."""
+GEOPACKAGE_DATE = "2000-01-01T00:00:00.000Z"
 MOST_STEPS = 2**31 - 1
 """Steps that a coordinate of a LAS file may count."""
 
@@ -33,9 +38,33 @@ def is_path(given: Any) -> bool:
 
 
 @contextmanager
-def as_point_files(points: Any, crs: Any = None) -> Iterator[Any]:
+def staying(path: Path, folder: Path | None) -> Iterator[Path]:
+    """A file as it is; or a copy of it that stays in `folder`, named by its content, so that none that a run
+    there refers to is written over. It goes where the block refuses what it is given."""
+    if folder is None:
+        yield path
+        return
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    copy = folder / GIVEN / f"{path.stem}-{digest}{path.suffix}"
+    fresh = not copy.exists()
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    if fresh:
+        shutil.copyfile(path, copy)
+    try:
+        yield copy
+    except (TypeError, ValueError):
+        if fresh:
+            copy.unlink(missing_ok=True)
+            for emptied in (copy.parent, folder):
+                with suppress(OSError):
+                    emptied.rmdir()
+        raise
+
+
+@contextmanager
+def as_point_files(points: Any, crs: Any = None, keep: Path | None = None) -> Iterator[Any]:
     """Paths as they are; else the path of a file, until the block ends, with the points of a laspy.LasData, a
-    PointCloud or an array (N, 3) in the units of the system `crs`.
+    PointCloud or an array (N, 3) in the units of the system `crs`; one that stays in the folder `keep`.
 
     Raises
     ------
@@ -59,13 +88,14 @@ def as_point_files(points: Any, crs: Any = None) -> Iterator[Any]:
                     "for a local plane"
                 )
             write_cloud(path, PointCloud(xyz=xyz[np.isfinite(xyz).all(axis=1)], origin=(0.0, 0.0)))
-        yield path
+        with staying(path, keep) as path:
+            yield path
 
 
 @contextmanager
-def as_polygon_file(polygons: Any, name: str) -> Iterator[Any]:
+def as_polygon_file(polygons: Any, name: str, keep: Path | None = None) -> Iterator[Any]:
     """A path, or None, as it is; else the path of a file, until the block ends, with the polygons of a
-    GeoDataFrame, a GeoSeries, a shapely geometry or a sequence of those.
+    GeoDataFrame, a GeoSeries, a shapely geometry or a sequence of those; one that stays in the folder `keep`.
 
     Raises
     ------
@@ -78,23 +108,38 @@ def as_polygon_file(polygons: Any, name: str) -> Iterator[Any]:
     import pyogrio.raw  # late: most runs get paths
 
     with TemporaryDirectory(prefix="eaves-") as folder:
-        path = Path(folder) / POLYGONS
+        path = Path(folder) / f"{name}.gpkg"
         if hasattr(polygons, "to_frame"):
             polygons = polygons.to_frame("geometry")
-        if hasattr(polygons, "to_file"):
-            polygons.to_file(path, driver="GPKG", layer=name)
-        else:
-            shapes = np.atleast_1d(np.asarray(polygons, object))
-            if not shapely.is_geometry(shapes).all():
-                raise TypeError(
-                    f"{name} must be a path, a GeoDataFrame or polygons, not {describe(polygons)}; "
-                    "give one of these"
-                )
-            wkb = shapely.to_wkb(shapes)
-            with warnings.catch_warnings():  # shapely names no system: that of the points
-                warnings.simplefilter("ignore")
+        with undated():
+            if hasattr(polygons, "to_file"):
+                polygons.to_file(path, driver="GPKG", layer=name)
+            else:
+                shapes = np.atleast_1d(np.asarray(polygons, object))
+                if not shapely.is_geometry(shapes).all():
+                    raise TypeError(
+                        f"{name} must be a path, a GeoDataFrame or polygons, not {describe(polygons)}; "
+                        "give one of these"
+                    )
+                wkb = shapely.to_wkb(shapes)
                 pyogrio.raw.write(path, wkb, [], [], layer=name, driver="GPKG", geometry_type="Unknown")
-        yield path
+        with staying(path, keep) as path:
+            yield path
+
+
+@contextmanager
+def undated() -> Iterator[None]:
+    """Write GeoPackages with the date of `GEOPACKAGE_DATE`: the same content is the same bytes."""
+    import pyogrio  # late: most runs get paths
+
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
+    try:
+        with warnings.catch_warnings():  # without a system they are in that of the points
+            warnings.filterwarnings("ignore", message="'crs' was not provided")
+            yield
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:

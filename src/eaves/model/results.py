@@ -50,7 +50,52 @@ class BlockResult:
 
 @dataclass(frozen=True, eq=False)
 class BuildingPoints:
-    """One building before it is modelled: its points (N,) about its owner block's origin, the terrain."""
+    """One building before it is modelled: its points and what lies around them, about the corner of a block.
+
+    Parameters
+    ----------
+    owner_block : Block
+        The block that owns it.
+    xyz : ndarray (N, 3) of float64
+        Its points in local metres.
+    point_id : ndarray (N,) of int64
+        Their ids.
+    part : ndarray (N,) of uint8
+        What the filters found them to be, as codes of `model.scene`: walls, …
+    terrain : Raster
+        The heights around it, NaN where they are not known.
+    spacing : float
+        Mean distance (m) of the points of the scan in plan.
+    score : float
+        How sure the detector is, 0 to 1.
+    given : Footprint or None
+        The outline where it is given.
+    block : Footprint or None
+        The detected block that it is a unit of; None for a block of its own.
+    wall_certainty : float or None
+        Probability of the least sure party wall that was found on it; None where none was.
+    ground_seen : Raster or None
+        1 in the cells of the terrain that hold a ground point; None where that is not known.
+    ground_nearest : ndarray (K, 3) or None
+        The ground nearest to a given footprint where none was seen beside it.
+    ground_beside : bool or None
+        True if ground was seen beside a given footprint; None where that was not looked at.
+    not_last : ndarray (N,) of bool or None
+        Points whose pulses came back once more from below.
+    others : ndarray (K, 3) or None
+        High points in and around it that are no building's; None of a given footprint.
+    around : ndarray (K, 3) or None
+        All points of the scan in and around it, the ground's too; None where none asked.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import eaves
+    >>> points, terrain = np.zeros((4, 3)), eaves.Raster(np.zeros((2, 2), np.float32), 0.0, 1.0, 0.5)
+    >>> part, numbers = np.zeros(4, np.uint8), np.arange(4)
+    >>> eaves.BuildingPoints(eaves.Block(0, 0), points, numbers, part, terrain, 0.5, 1.0).roof_points.shape
+    (4, 3)
+    """
 
     owner_block: Block
     xyz: Points
@@ -61,21 +106,13 @@ class BuildingPoints:
     score: float
     given: Footprint | None = None
     block: Footprint | None = None
-    """The detected block that the building is a unit of; None for one that is a block of its own."""
     wall_certainty: float | None = None
-    """Probability of the least sure party wall that was found on it, None where none was."""
     ground_seen: Raster | None = None
-    """1 in the cells of the terrain that hold a ground point; None where that is not known."""
     ground_nearest: Points | None = None
-    """The ground (K, 3) nearest to a given footprint where none was seen beside it."""
     ground_beside: bool | None = None
-    """True if ground was seen beside a given footprint; None where that was not looked at."""
     not_last: NDArray[np.bool_] | None = None
-    """Points whose pulses came back once more from below."""
     others: Points | None = None
-    """High points (K, 3) in and around the building that are no building's; None of a given footprint."""
     around: Points | None = None
-    """All points (K, 3) of the scan in and around the building, the ground's too; None where none asked."""
 
     def take(self, inside: Mask, **changes: Any) -> BuildingPoints:
         """The building with those of its points that a mask (N,) holds, and other fields changed."""

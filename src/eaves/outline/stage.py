@@ -147,7 +147,7 @@ def count_places(points: Points) -> int:
 
 @overload
 def regularise_outlines(
-    boundaries: Boundary, method: MethodChoice = None, *, debug: str | Path | Emit | None = None
+    boundaries: Boundary | Failure, method: MethodChoice = None, *, debug: str | Path | Emit | None = None
 ) -> Footprint | Failure: ...
 
 
@@ -158,7 +158,7 @@ def regularise_outlines(
 
 
 def regularise_outlines(
-    boundaries: Boundary | list[Boundary],
+    boundaries: Boundary | Failure | list[Boundary],
     method: MethodChoice = None,
     *,
     debug: str | Path | Emit | None = None,
@@ -167,9 +167,9 @@ def regularise_outlines(
 
     Parameters
     ----------
-    boundaries : Boundary or list of Boundary
-        Results of `trace_outline` in one system of local metres, without failures; buildings that touch
-        belong in one list.
+    boundaries : Boundary, Failure or list of Boundary
+        Results of `trace_outline` in one system of local metres; buildings that touch belong in one list,
+        without failures. A Failure alone is given back.
     method : OutlineMethod, str, mapping or None
         The method, its name, or its parameters; None is `GlobalFit()`.
     debug : str, Path, callable or None
@@ -200,6 +200,8 @@ def regularise_outlines(
     >>> bool(footprint.polygon.symmetric_difference(true).area < 0.1 * true.area)
     True
     """
+    if isinstance(boundaries, Failure):
+        return boundaries
     if not isinstance(boundaries, list | tuple):
         return regularise_outlines([boundaries], method, debug=debug)[0]
     for number, boundary in enumerate(boundaries):

@@ -85,13 +85,13 @@ def build(
     """
     with ExitStack() as files:
         show: Progress = files.enter_context(bars()) if progress is True else progress
-        inputs = files.enter_context(as_point_files(inputs, options.get("crs")))
+        keep = Path(out) if options.get("keep") else None
+        inputs = files.enter_context(as_point_files(inputs, options.get("crs"), keep))
         for name in POLYGONS:
-            options[name] = files.enter_context(as_polygon_file(options.get(name), name))  # type: ignore[literal-required]
+            options[name] = files.enter_context(as_polygon_file(options.get(name), name, keep))
         return build_files(inputs, out, recipe, show, options).checked(allow_failures)
 
 
-@list_options
 def find_buildings(
     points: str | Path | Sequence[str | Path] | Any,
     recipe: Recipe | None = None,
@@ -111,7 +111,9 @@ def find_buildings(
         Called with the step, how much of it is done, and how much there is; True shows bars.
     allow_failures : bool
         Return what there is when a part could not be computed.
-    {options}
+    **options : keywords of a run
+        Those of `eaves.build`, whose help explains each: `crs`, `bounds`, `footprints`, `lod`, a method by
+        its stage (`detect="consensus"`), …
 
     Returns
     -------

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, Protocol, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, Literal, ParamSpec, Protocol, TypeVar, cast, get_args, get_type_hints
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, PlainValidator, TypeAdapter, ValidationError, ValidationInfo
 from typing_extensions import TypedDict
 
@@ -24,7 +26,7 @@ from eaves.model import LODS, Bounds
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
 """The outputs there are; see `eaves.flow.outputs`, and `eaves.report` for the last."""
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
-POLYGONS = ("clip", "footprints", "party_walls")
+POLYGONS: tuple[Literal["clip", "footprints", "party_walls"], ...] = ("clip", "footprints", "party_walls")
 """The options that name a file of polygons."""
 
 
@@ -192,7 +194,7 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     bounds: Annotated[
-        Bounds | Sequence[float] | str | None,
+        Bounds | Sequence[float] | NDArray[np.float64] | str | None,
         PlainValidator(checked_bounds),
         Option(
             "West, south, east, north in the unit of the files' reference system; points outside are not "
@@ -420,10 +422,10 @@ def check_options(given: RunOptions) -> RunOptions:
             f"{options['party_walls']}: party walls split blocks that are detected, and footprints are "
             "given; leave one of --footprints and --party-walls out"
         )
-    for name in ("layer", "id_field", "footprint_source", "snap_footprints"):
-        if options[name] and not (  # type: ignore[literal-required]
-            options["footprints"] or options["party_walls"]
-        ):
+    about_maps: tuple[Literal["layer", "id_field", "footprint_source", "snap_footprints"], ...]
+    about_maps = ("layer", "id_field", "footprint_source", "snap_footprints")
+    for name in about_maps:
+        if options[name] and not (options["footprints"] or options["party_walls"]):
             raise InputError(f"{DECLARED[name].flag}: no map is given; add --footprints, or leave it out")
     return options
 

@@ -14,11 +14,11 @@ from shapely import Polygon
 from shapely.affinity import affine_transform
 
 from eaves.formats.atomic import atomic
+from eaves.formats.in_memory import undated
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import Bounds
 from eaves.model.checks import check_positive
 from eaves.model.cloud import snap
-from eaves.simulate.files import undated
 from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene, Mass
 from eaves.simulate.objects.roofs import make_building

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import json
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import laspy
 import numpy as np
-import pyogrio
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
+from eaves.formats.in_memory import undated
 from eaves.formats.models.cityjson import write_cityjson
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
@@ -25,8 +22,6 @@ STEP = 0.001
 
 UNDATED = date(2000, 1, 1)
 """Creation date of every file, so that the same seed gives the same bytes."""
-
-GEOPACKAGE_DATE = "2000-01-01T00:00:00.000Z"
 
 POINTS, MODELS, VECTORS, SUMMARY = "points.laz", "reference.city.json", "reference.gpkg", "simulation.json"
 
@@ -87,19 +82,6 @@ def write_simulation(
         "vectors": paths[VECTORS],
         "summary": paths[SUMMARY],
     }
-
-
-@contextmanager
-def undated() -> Iterator[None]:
-    """Write GeoPackages with the date of `GEOPACKAGE_DATE`: the same content is the same bytes."""
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
-    try:
-        with warnings.catch_warnings():  # a random town has no place on Earth
-            warnings.filterwarnings("ignore", message="'crs' was not provided")
-            yield
-    finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
 def _write_cloud(scene: ExactScene, path: Path) -> None:

@@ -6,6 +6,7 @@ import logging
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -25,6 +26,8 @@ from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Integers, Rectan
 
 log = logging.getLogger("eaves")
 
+ALONE, BESIDE = (".gpkg", ".json", ".geojson", ".fgb", ".parquet", ".kml"), ("-wal",)
+"""Suffixes of maps that are one file, and what may be added to their names for changes that are not in it."""
 DEGREES = np.array([180.0, 90.0, 180.0, 90.0])
 """The largest longitude and latitude."""
 BOX_MARGIN = 0.001
@@ -142,17 +145,33 @@ def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
 
 
 def list_vector_layers(path: Path) -> list[VectorLayer]:
-    """The layers of a vector file.
+    """The layers of a vector file. A file that did not change since is not parsed again: GeoJSON is whole.
 
     Raises
     ------
     InputError
         When it is none that can be read.
     """
+    read = _layers_of if path.suffix.lower() in ALONE else _layers_of.__wrapped__
+    return list(read(path, tuple(map(_state_of, (path, *(Path(f"{path}{end}") for end in BESIDE))))))
+
+
+def _state_of(path: Path) -> tuple[int, ...]:
+    """What changes with a file; nothing where there is none."""
+    try:
+        state = path.stat()
+    except OSError:
+        return ()
+    return state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
+
+
+@lru_cache(maxsize=8)
+def _layers_of(path: Path, mark: tuple[tuple[int, ...], ...]) -> tuple[VectorLayer, ...]:
+    """The layers of a vector file in a state that the `mark` says."""
     if is_parquet(path):
         from eaves.formats.vectors.parquet import parquet_layer
 
-        return [parquet_layer(path)]
+        return (parquet_layer(path),)
     import pyogrio
 
     layers = []
@@ -163,7 +182,7 @@ def list_vector_layers(path: Path) -> list[VectorLayer]:
             layers.append(
                 VectorLayer(str(name), str(kind or ""), columns, count, stated_crs(path, safe, info))
             )
-    return layers
+    return tuple(layers)
 
 
 def read_details(path: Path) -> dict[Any, dict[str, Any]]:
