@@ -55,7 +55,7 @@ OTHERS: dict[str, list[float | None]] = {
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
 PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
-SHARES = ("wall_share", "slant_share")
+SHARES = ("slant_share",)
 """Numbers of `adaptive_tin` that are moved to 1 at most."""
 PATCH_M2 = 4.0
 """Smaller patches of wrong ground are not asked of doubts."""
