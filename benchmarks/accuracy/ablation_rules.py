@@ -124,7 +124,7 @@ GROUND = (
         {"ground.wide_around": 0.0, f"{TIN}AdaptiveTin.find_wide_objects": lambda *_: None},
     ),
     of("ground", "rims that go up", 1, {"ground.up_weight": 0.0}),
-    of("ground", "rims unseen", 1, {"ground.unseen_weight": 0.0}),
+    of("ground", "rims to void", 1, {"ground.void_weight": 0.0}),
     of("ground", "rims level", 1, {"ground.level_weight": 0.0}),
     of(
         "ground",

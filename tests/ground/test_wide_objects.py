@@ -213,3 +213,15 @@ def test_seeds_of_wide_cells_take_nothing_away() -> None:
     method = AdaptiveTin(seed_cell=40.0)
     assert method.wide_buffer == 0.0
     assert method.find_wide_objects(Floor.of(PointCloud.from_world(scatter(50.0)))) is None
+
+
+def test_a_works_with_machines_and_upper_floors_on_its_roof_stands() -> None:
+    """Rims to what has no surface of its own say little, and those to scraps of roof nothing."""
+    points, rng = scatter(), np.random.default_rng(2)
+    works = box(points, 60, 60, 140, 140)
+    points[works, 2] += 15.0
+    upper = box(points, 66, 70, 86, 130) | box(points, 100, 74, 120, 128)
+    points[upper, 2] += 4.0
+    machines = works & ~upper & (rng.random(len(points)) < 0.2)
+    points[machines, 2] += rng.uniform(1.0, 6.0, int(machines.sum()))
+    assert share_of_ground(points, works) == 0.0

@@ -108,10 +108,10 @@ class AdaptiveTin(Opening, GroundMethod):
       step join to surfaces, so that what joins two of them is a way at least two cells wide. An object steps
       down on its rim; terrain is what others stand on, and what terrain leads to. So a surface stands over
       the terrain when the length of its rim that steps down by a `wall` is more than `up_weight` of what goes
-      up, `unseen_weight` of that beyond which no surface was seen, and `level_weight` of what meets terrain
-      level; the widest surface is terrain, and what it reaches follows until nothing changes. Points over
-      the terrain beneath a raised surface, drawn from around it, are never ground; the steps below see them
-      as objects. Not with `seed_cell`.
+      up or to crowns and machines, `void_weight` of that beyond which nothing was measured, and
+      `level_weight` of what meets wide terrain level; the widest surface is terrain, and what it reaches
+      follows until nothing changes. Points over the terrain beneath a raised surface, drawn from around it,
+      are never ground; the steps below see them as objects. Not with `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done

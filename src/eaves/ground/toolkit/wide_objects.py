@@ -39,10 +39,13 @@ class PlateauRules(Method):
         gt=0,
     )
     up_weight: float = parameter(
-        0.5, "What a metre of rim that goes up says for terrain, in metres that step down.", ge=0
+        0.5,
+        "What a metre of rim that goes up, or to crowns and machines, says for terrain, in metres that step "
+        "down.",
+        ge=0,
     )
-    unseen_weight: float = parameter(
-        0.75, "The same of a metre beyond which no surface was seen, such as the rim of the data.", ge=0
+    void_weight: float = parameter(
+        0.75, "The same of a metre beyond which nothing was measured, such as the rim of the data.", ge=0
     )
     level_weight: float = parameter(4.0, "The same of a metre that meets terrain level.", ge=0)
     wide_area: float = parameter(
@@ -110,20 +113,21 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     """Verdict on surfaces: which are terrain, and which stand over it.
 
     An object steps down on its rim; terrain is what others stand on, and what terrain leads to. So a surface
-    is terrain unless more of its rim steps down than is weighed up by what goes up, what is unseen and what
-    meets terrain level. The widest is terrain, and what it reaches follows until nothing changes.
+    is terrain unless more of its rim steps down than is weighed up by what goes up, what is void and what
+    meets wide terrain level. The widest is terrain, and what it reaches follows until nothing changes.
     """
     surface, beyond, kind = surfaces.contacts.T
     rims, count = surfaces.rims(np.ones(len(kind), bool)), len(surfaces.area)
-    unseen = rims[:, UNKNOWN] + rims[:, VOID]
-    stands = rims[:, DOWN] - rules.up_weight * rims[:, UP] - rules.unseen_weight * unseen
+    up = rims[:, UP] + rims[:, UNKNOWN]
+    stands = rims[:, DOWN] - rules.up_weight * up - rules.void_weight * rims[:, VOID]
+    wide = surfaces.area >= rules.wide_area
     terrain, before = np.arange(count) == np.argmax(surfaces.area), np.zeros(count, bool)
     while (terrain != before).any():
-        before, meets = terrain, (kind == LEVEL) & terrain[beyond]
+        before, meets = terrain, (kind == LEVEL) & (terrain & wide)[beyond]
         level = np.bincount(surface[meets], surfaces.length[meets], count)
         terrain = terrain | (stands <= rules.level_weight * level)
         terrain[0] = False
-    wide, over = surfaces.area >= rules.wide_area, ~terrain
+    over = ~terrain
     over[0] = False
     inner = over[surface] & over[beyond]
     group = connected_groups_kernel(surface[inner], beyond[inner], count)
