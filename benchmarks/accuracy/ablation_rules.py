@@ -123,7 +123,15 @@ GROUND = (
         5,
         {"ground.wide_around": 0.0, f"{TIN}AdaptiveTin.find_wide_objects": lambda *_: None},
     ),
-    of("ground", "wide: known", 1, {"ground.rim_known": 0.0}),
+    of("ground", "rims that go up", 1, {"ground.up_weight": 0.0}),
+    of("ground", "rims to void", 1, {"ground.void_weight": 0.0}),
+    of("ground", "rims level", 1, {"ground.level_weight": 0.0}),
+    of(
+        "ground",
+        "outliers under the terrain",
+        2,
+        {"ground.toolkit.outliers:under_terrain": lambda _, low, *_rest: low},
+    ),
     of(
         "ground",
         "terraces",

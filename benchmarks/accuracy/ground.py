@@ -1,6 +1,6 @@
 """How good the ground filters are: real samples and simulated towns.
 
-`python -m benchmarks.accuracy.ground [--command] [--towns]`, EAVES_DATA set.
+`python -m benchmarks.accuracy.ground [--command] [--left-out] [--towns]`, EAVES_DATA set.
 Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
 
@@ -20,6 +20,7 @@ import laspy
 import numpy as np
 from scipy import ndimage
 
+from benchmarks.accuracy.smrf import ground_by_smrf
 from benchmarks.table import keep
 from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.geometry.neighbours import measure_spacing
@@ -55,8 +56,16 @@ OTHERS: dict[str, list[float | None]] = {
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
 PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
-SHARES = ("wall_share", "slant_share")
+SHARES = ("slant_share",)
 """Numbers of `adaptive_tin` that are moved to 1 at most."""
+LEFT_OUT = {
+    "object_slope": (0.06, 0.1, 0.14),
+    "slope_share": (0.1, 0.3),
+    "distance_share": (0.65, 0.85),
+    "level_weight": (2.0, 4.0),
+}
+LEFT_OUT_PLACES = 3
+"""Numbers that are chosen anew without each sample, and places of which the mean is taken."""
 PATCH_M2 = 4.0
 """Smaller patches of wrong ground are not asked of doubts."""
 
@@ -272,6 +281,7 @@ def judge_command(data: Path) -> None:
                 "mean of places %": float(np.mean(moved)),
                 "best place %": min(moved),
                 "worst place %": max(moved),
+                "SMRF, five numbers %": 100.0 * float(np.mean(ground_by_smrf(xyz) != truth)),
             }
         )
     here, places, worst = (
@@ -284,6 +294,39 @@ def judge_command(data: Path) -> None:
         "Where borders of cells fall decides thin samples, so the mean over places is the figure to quote."
     )
     keep("ground-command", "Ground: by the command", rows, f"{COMMAND} --command", note)
+
+
+def judge_left_out(data: Path) -> None:
+    """Each sample by the set of numbers that the other seven choose, at the first places of the command."""
+    samples = {name: read_isprs(data, name) for name in ISPRS}
+    shifts = np.random.default_rng(PLACES_SEED).uniform(0.0, 240.0, (LEFT_OUT_PLACES, 2))
+    sets = [dict(zip(LEFT_OUT, values, strict=True)) for values in product(*LEFT_OUT.values())]
+    errors = np.empty((len(sets), len(samples)))
+    for row, numbers in enumerate(sets):
+        method = AdaptiveTin(**numbers)
+        for column, sample in enumerate(samples.values()):
+            clouds = [PointCloud.from_world(sample.cloud.world + [*shift, 0.0]) for shift in shifts]
+            errors[row, column] = np.mean(
+                [total_error(sample, classify_ground(cloud, method).ground) for cloud in clouds]
+            )
+    rows: list[dict[str, object]] = []
+    for column, name in enumerate(samples):
+        chosen = int(np.argmin(np.delete(errors, column, axis=1).mean(axis=1)))
+        words = ", ".join(f"{key} {value:g}" for key, value in sets[chosen].items())
+        rows.append(
+            {
+                "sample": name,
+                "left out %": errors[chosen, column],
+                "best for it %": errors[:, column].min(),
+                "set chosen by the others": words,
+            }
+        )
+    mean, best = np.mean([float(str(row["left out %"])) for row in rows]), errors.mean(axis=1).min()
+    note = (
+        f"{len(sets)} sets, means of {LEFT_OUT_PLACES} places. Mean when each sample's set is chosen by the "
+        f"other seven: {mean:.2f} %; the best one set for all: {best:.2f} %."
+    )
+    keep("ground-left-out", "Ground: leave-one-out choice", rows, f"{COMMAND} --left-out", note)
 
 
 def judge_moved(data: Path) -> None:
@@ -316,6 +359,7 @@ def main() -> None:
     """Print and keep the tables that are asked for; those of the real samples by default."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--command", action="store_true", help="the samples by `eaves ground`")
+    parser.add_argument("--left-out", action="store_true", help="each sample by what the others choose")
     parser.add_argument("--moved", action="store_true", help="each number moved by a quarter")
     parser.add_argument("--towns", action="store_true", help="simulated towns")
     wanted = parser.parse_args()
@@ -328,6 +372,8 @@ def main() -> None:
     data = Path(folder)
     if wanted.command:
         judge_command(data)
+    if wanted.left_out:
+        judge_left_out(data)
     if wanted.moved:
         judge_moved(data)
     if not any(vars(wanted).values()):

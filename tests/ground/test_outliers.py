@@ -92,6 +92,18 @@ def test_real_low_ground_is_kept(sort: str) -> None:
     assert found(xyz) == ([], [])
 
 
+def test_ground_of_courts_in_a_dense_quarter_is_not_low() -> None:
+    """Roofs of many heights all around a narrow court: what lies under them is ground, as the street is."""
+    xyz = terrain(150000)
+    x, y = xyz[:, 0] % 16.0, xyz[:, 1] % 16.0
+    street = (xyz[:, 0] % 48.0 < 6.0) | (xyz[:, 1] % 48.0 < 6.0)
+    court = (np.abs(x - 8.0) < 2.0) & (np.abs(y - 8.0) < 2.0)
+    roof = ~street & ~court
+    xyz[roof, 2] += 8.0 + 3.0 * ((xyz[roof, 0] // 16.0 + 2 * (xyz[roof, 1] // 16.0)) % 3)
+    low, _ = found(xyz)
+    assert not low
+
+
 def test_ground_under_crowns_is_not_low() -> None:
     xyz = terrain(80000)
     rng = np.random.default_rng(5)

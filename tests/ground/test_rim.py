@@ -50,12 +50,3 @@ def test_roof_and_crown_cut_by_the_rim_are_not_climbed() -> None:
     ground = classify_ground(PointCloud.from_world(np.c_[xy, z])).ground
     assert not ground[z > 1.0].any()
     assert ground[~roof & ~crown].mean() > 0.99
-
-
-def test_strip_of_a_terrace_that_the_rim_cuts_is_ground() -> None:
-    rng = np.random.default_rng(4)
-    xy = rng.uniform(0, 80, (32000, 2))
-    z = np.where(xy[:, 0] > 72.0 + 1.5 * np.sin(xy[:, 1] / 7.0), 1.6, 0.0) + 0.02 * rng.standard_normal(
-        len(xy)
-    )
-    assert classify_ground(PointCloud.from_world(np.c_[xy, z])).ground.mean() > 0.98

@@ -62,6 +62,53 @@ def test_a_courtyard_stays_terrain() -> None:
     assert share_of_ground(points, court) > 0.99
 
 
+@pytest.mark.parametrize("gate", [False, True])
+def test_a_raised_court_between_wings_is_terrain(gate: bool) -> None:
+    """Its rim drops to the street on one side, and rises to wings on the others."""
+    points = scatter()
+    palace, court = box(points, 56, 56, 144, 144), box(points, 70, 70, 130, 130)
+    open_side = box(points, 70, 56, 130, 70)
+    points[court, 2] += 4.0
+    points[palace & ~court & ~open_side, 2] += 18.0
+    if gate:
+        points[open_side, 2] += 18.0
+    assert share_of_ground(points, court) > 0.95
+    assert share_of_ground(points, palace & ~court & ~open_side) == 0.0
+
+
+def test_a_terrace_that_houses_stand_on_is_terrain_where_the_rim_of_the_data_cuts_it() -> None:
+    points = scatter()
+    houses = np.zeros(len(points), bool)
+    for south in (15, 55, 95, 135, 175):
+        houses |= box(points, 12, south, 32, south + 18)
+    points[points[:, 0] < 60, 2] += 5.0
+    points[houses, 2] += 9.0
+    assert share_of_ground(points, ~houses) > 0.99
+    assert share_of_ground(points, houses) == 0.0
+
+
+@pytest.mark.parametrize("turn", [0.0, 30.0])
+def test_a_roof_in_the_corner_of_the_data_stands_however_it_is_turned(turn: float) -> None:
+    points = scatter()
+    roof = box(points, 0, 0, 40, 36)
+    points[roof, 2] += 7.0
+    angle = np.radians(turn)
+    across = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    points[:, :2] = points[:, :2] @ across
+    assert share_of_ground(points, roof) == 0.0
+    assert share_of_ground(points, ~roof) > 0.99
+
+
+def test_penthouses_do_not_make_a_hall_terrain() -> None:
+    points = scatter()
+    hall = box(points, 50, 50, 150, 140)
+    points[hall, 2] += 8.0
+    for west in (60, 100):
+        for south in (60, 100):
+            points[box(points, west, south, west + 20, south + 20), 2] += 5.0
+    assert share_of_ground(points, hall) == 0.0
+
+
 def test_a_high_field_that_the_rim_of_the_data_cuts_is_terrain() -> None:
     points = scatter()
     high = points[:, 0] > 120.0
@@ -166,3 +213,15 @@ def test_seeds_of_wide_cells_take_nothing_away() -> None:
     method = AdaptiveTin(seed_cell=40.0)
     assert method.wide_buffer == 0.0
     assert method.find_wide_objects(Floor.of(PointCloud.from_world(scatter(50.0)))) is None
+
+
+def test_a_works_with_machines_and_upper_floors_on_its_roof_stands() -> None:
+    """Rims to what has no surface of its own say little, and those to scraps of roof nothing."""
+    points, rng = scatter(), np.random.default_rng(2)
+    works = box(points, 60, 60, 140, 140)
+    points[works, 2] += 15.0
+    upper = box(points, 66, 70, 86, 130) | box(points, 100, 74, 120, 128)
+    points[upper, 2] += 4.0
+    machines = works & ~upper & (rng.random(len(points)) < 0.2)
+    points[machines, 2] += rng.uniform(1.0, 6.0, int(machines.sum()))
+    assert share_of_ground(points, works) == 0.0

@@ -86,7 +86,7 @@ class AdaptiveTin(Opening, GroundMethod):
     ::
 
         d ≤ d_max   and   α_k = arcsin(d / |p − v_k|) ≤ α_max,  k = 1, 2, 3
-        d_max = 0.65 spacing,   α_max = 12° + 6° · spacing / m
+        d_max = 0.85 spacing,   α_max = 12° + 6° · spacing / m
         p' = 2 v − p,   |z − (2 z_v − facet(p'))| ≤ min(d_max, tan α_max · |p − v|)
         ground:  |z − facet(p)| ≤ t + κ·s,   t = min(max(7 ρ, 0.1 m), 0.4 m),   κ = 0.6 spacing
 
@@ -105,21 +105,20 @@ class AdaptiveTin(Opening, GroundMethod):
 
     - Large raised surfaces (halls, bridges) are removed first. They are found in the lowest heights of cells
       of 1.5 m (3 or 6 m in thinner data) that are fixed to the world. Squares of two by two cells without a
-      step join to surfaces, so that what joins two of them is a way at least two cells wide. The widest
-      surface is terrain. Others are groups of those that touch, and stand on it when walls of at least `wall`
-      go down to terrain on `wall_share` of the group's rim, where that is known; a surface that a ramp or a
-      slope joins is part of what it leads to. Where less than `rim_known` of the rim faces terrain, or half
-      of it nothing, as at the rim of the data, the surface stays. Points over the terrain beneath a raised
-      surface, drawn from around it, are never ground; the steps below see them as objects. Not with
-      `seed_cell`.
+      step join to surfaces, so that what joins two of them is a way at least two cells wide. An object steps
+      down on its rim; terrain is what others stand on, and what terrain leads to. So a surface stands over
+      the terrain when the length of its rim that steps down by a `wall` is more than `up_weight` of what goes
+      up or to crowns and machines, `void_weight` of that beyond which nothing was measured, and
+      `level_weight` of what meets wide terrain level; the widest surface is terrain, and what it reaches
+      follows until nothing changes. Points over the terrain beneath a raised surface, drawn from around it,
+      are never ground; the steps below see them as objects. Not with `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
       twice, so that a roof between roofs is found.
-    - A piece that the opening took, and that meets the ground without a step on more than a share of its rim,
-      is terrain again. Roofs step down on all sides, spurs and high fields do not. The share is `level_share`
-      at `wide_area`, and goes with the fourth root of the area: a short rim says less. A wide piece that is
-      nearly nowhere a `wall` over the ground is terrain too: a terrace the rim of the data cuts.
+    - A piece that the opening took is weighed in the same way: it is terrain again where `level_weight` of
+      the rim that meets the ground level is more than what steps down, and `object_rim`. Roofs step down on
+      all sides, spurs and high fields do not.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - Where the spacing is more than `cell_least` a cell holds one point, and where the borders of the cells
       fall decides what is an object. So the ground is found in `looks` sets of cells, shifted against each
@@ -141,8 +140,11 @@ class AdaptiveTin(Opening, GroundMethod):
     -----------
     Water is taken for ground, and much of a bridge that goes on at the level of its road. A building wider
     than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
-    parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through half
-    of its walls, or where it is wider than `wide_around`. A plateau of rock with vertical walls all round
+    parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through more
+    than half of its walls, or where it is wider than `wide_around`; so does a roof dug into a slope, flush
+    with the ground uphill. A wide low roof enclosed by higher wings is taken for their court. A terrace that
+    the rim of the data cuts goes where nothing stands on it and more than three sevenths of its rim step
+    down, or where it is narrower than `window`. A plateau of rock with vertical walls all round
     goes. A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on
     dense data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
     Heaps and rocks in thin data lose their tops.
@@ -193,7 +195,7 @@ class AdaptiveTin(Opening, GroundMethod):
         unit="m",
         gt=0,
     )
-    distance_share: float = parameter(0.65, "Largest distance to the facet, in spacings.", symbol="d", gt=0)
+    distance_share: float = parameter(0.85, "Largest distance to the facet, in spacings.", symbol="d", gt=0)
     angle: float = parameter(12.0, "Largest angle to the facet.", unit="degree", symbol="α", gt=0, le=90)
     angle_share: float = parameter(
         6.0,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.ground.toolkit.outliers import without_pits
+from eaves.ground.toolkit.pits import without_pits
 from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Bounds, Grid, PointCloud, Points
 from eaves.raster.grid import WorldGrids

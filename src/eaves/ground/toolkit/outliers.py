@@ -12,23 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import TABLE_CELLS, measure_spacing
+from eaves.ground.toolkit.pits import RING, empty_around, level_around, ring_of
+from eaves.ground.toolkit.seeds import Opening, lowest_surface, terrain_of
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Bounds, Grid, Integers, Mask, PointCloud, Points, Values
+from eaves.model import Bounds, Integers, Mask, PointCloud, Points, Values
 from eaves.raster.grid import EMPTY
 
 SIDE_M, SIDE_SPACINGS = 1.0, 3.0
 """Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
 cell's nine points is ground. Echoes that come late together lie within a metre of each other."""
-RING, RING_SHARE = (3, 4), 6
-"""A cell is compared with those 3 and 4 cells away, for a cluster of echoes meets three in a row. The
-surface is as low as a sixth of them: roofs and crowns may fill the rest, other echoes not so much."""
 DEPTH_M, REACH_SPACINGS = 0.3, 2.0
 """Echoes lie deeper under the surface than 0.3 m, with which the filters bear, and in wider cells than that
 times the square of their width: so far curved terrain leaves a plane. Points within two spacings in plan, a
 dozen, cover those under them."""
-LONELY = 3
-"""With fewer points within as much, where a dozen are usual, a point is no ground that the scan saw: echoes
-come late where it saw nothing, too, and past its rim."""
+TERRAIN_SPACINGS = 2.0
+"""Side of the cells whose opening finds the terrain that echoes lie under: two spacings, or `SIDE_M`. Each of
+them holds a point, and no ground is narrower than a lane."""
 CELL_M = 10.0
 """Side of the cells whose highest points are compared: 10 m, or ten spacings (about a hundred points) in thin
 data. A high group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
@@ -57,9 +56,10 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     where ground goes on at its level, as it does under crowns, along ditches and in corners of courts, it
     is none. And that surface, or what stands on it, goes on above it: most points as low, within a cell
     of it, have higher ones on all sides within two spacings in plan. A well, a ramp or a cellar has
-    nothing above but at its walls, a slope nothing downhill. Where there is hardly another point, that
-    counts as much. Once those found are gone others show, so it is done until there is none: the deepest
-    are found first; and once more in cells three times as wide, for sheets of echoes.
+    nothing above but at its walls, a slope nothing downhill. Once those found are gone others show, so it is
+    done until there is none: the deepest are found first; and once more in cells three times as wide, for
+    sheets of echoes. In a narrow court that surface is a roof's. So those found are held against the terrain
+    that an opening leaves without them, where roofs are gone, and only what lies under it too is an outlier.
 
     High: the plane is cut into wide cells, and once more into cells shifted by half a side, so that a group
     is whole in one of them. The highest points of a cell that a gap parts from the rest are outliers when no
@@ -73,15 +73,36 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     reach = REACH_SPACINGS * spacing
     wide = max(1.0, SIDE_SPACINGS * spacing / SIDE_M)
     for times in (1, 3):
-        side = times * SIDE_M * wide
-        while (bounds.width / side + 2.0) * (bounds.height / side + 2.0) > TABLE_CELLS * len(xyz):
-            side *= 2.0  # points far apart are rare
-        place = cells_of(bounds, side, 0.0)
+        place = cells_of(bounds, side_within(bounds, times * SIDE_M * wide, len(xyz)), 0.0)
         cells = Cells(*place, *order_kernel(xyz, *place))
         mark_low_kernel(xyz, cells, ring_of(*RING), DEPTH_M * wide**2, reach, low)
+    low = under_terrain(xyz, low, max(SIDE_M, TERRAIN_SPACINGS * spacing), DEPTH_M * wide**2)
     for shift in (0.0, 0.5):
         mark_high_kernel(xyz, *cells_of(bounds, CELL_M * max(1.0, spacing), shift), high)
     return low, high & ~low
+
+
+def side_within(bounds: Bounds, side: float, count: int) -> float:
+    """A side (m), doubled until the table of cells fits some number of points: points far apart are rare."""
+    while (bounds.width / side + 2.0) * (bounds.height / side + 2.0) > TABLE_CELLS * count:
+        side *= 2.0
+    return side
+
+
+def under_terrain(xyz: Points, low: Mask, side: float, depth: float) -> Mask:
+    """Those of the low points (N,) that lie more than `depth` (m) under the terrain that an opening of the
+    others leaves in cells of a side (m); on a slope, under all of it within a cell."""
+    others, number = xyz.take(np.flatnonzero(~low), axis=0), np.flatnonzero(low)
+    if len(number) == 0 or len(others) == 0:
+        return low
+    bounds, rules = Bounds.of(xyz), Opening()
+    side = side_within(bounds, side, len(xyz))
+    lowest = lowest_surface(others, bounds, side, rules, np.zeros(len(others), bool))
+    terrain, slope = terrain_of(lowest, rules), lowest.slope
+    place = terrain.cell_of(xyz[number])
+    under = np.zeros(len(xyz), bool)
+    under[number] = xyz[number, 2] < terrain.values[place] - depth - slope[place] * side
+    return under
 
 
 def cells_of(bounds: Bounds, side: float, shift: float) -> tuple[Values, float, int, int]:
@@ -91,13 +112,6 @@ def cells_of(bounds: Bounds, side: float, shift: float) -> tuple[Values, float, 
     west, south = (np.floor(low / side + shift) - shift for low in (bounds.west, bounds.south))
     rows, columns = int(bounds.north / side - south) + 1, int(bounds.east / side - west) + 1
     return np.array([west, south]) * side, side, rows, columns
-
-
-def ring_of(least: int, most: int) -> Integers:
-    """Rows and columns (K, 2) of the cells that lie `least` to `most` cells away."""
-    row, column = np.indices((2 * most + 1, 2 * most + 1)).reshape(2, -1) - most
-    away = np.hypot(row, column)
-    return np.column_stack([row, column])[(away >= least) & (away < most + 0.5)]
 
 
 @inlined_kernel
@@ -167,76 +181,6 @@ def mark_low_kernel(xyz: Points, cells: Cells, ring: Integers, depth: float, rea
 
 
 @kernel
-def level_around(lowest: Values, cell: int, steps: Integers, depth: float, around: Values) -> float:
-    """The level that the surface around a cell (of those in a row) has there; -inf where that is no more than
-    `depth` (m) over its lowest point, or unknown.
-
-    A slope goes on: a cell of the ring, `steps` (K,) of cells away, counts as high as the surface is halfway
-    to the cell across, but no higher than where what falls from it to the cell twice as far leads back to. A
-    plane is met as it is. `around` (K,) is written to.
-    """
-    count, as_low, least = 0, 0, lowest[cell] + depth
-    for k in range(len(steps)):
-        z = lowest[cell + steps[k]]
-        if z == np.inf:
-            continue
-        beyond, across = lowest[cell + 2 * steps[k]], lowest[cell - steps[k]]
-        z += max(0.0, min(z - beyond, 0.5 * (across - z)))
-        around[count] = z
-        count += 1
-        as_low += z <= least
-        if as_low > len(steps) // RING_SHARE:
-            return -np.inf
-    if count == 0:
-        return -np.inf
-    level = float(np.sort(around[:count])[count // RING_SHARE])
-    return level if level > least else -np.inf
-
-
-@kernel
-def empty_around(rows: int, columns: int, away: int) -> Values:
-    """Heights of cells (rows + 2 away, columns + 2 away), inf everywhere: cells, and none as far around."""
-    return np.full((rows + 2 * away, columns + 2 * away), np.inf)
-
-
-def without_pits(heights: Grid, depth: float) -> Grid:
-    """A surface (H, W), NaN where there is none, raised to what is around where it lies deeper than `depth`
-    (m) in a pit narrower than the ring: no more than what is wide needs to know."""
-    return np.asarray(fill_kernel(np.nan_to_num(heights, nan=np.inf), ring_of(*RING), depth), np.float32)
-
-
-@kernel
-def fill_kernel(lowest: Grid, ring: Integers, depth: float) -> Values:
-    """The surface (rows, columns), inf where there is none, without pits, and NaN for inf. A round judges the
-    cells near those that changed, all on the same surface.
-    """
-    (rows, columns), away, look = lowest.shape, 2 * ring.max(), np.ones(lowest.shape, np.bool_)
-    wide = empty_around(rows, columns, away)
-    filled, flat = wide[away : away + rows, away : away + columns], wide.ravel()
-    filled[:] = lowest
-    steps, around = ring[:, 0] * wide.shape[1] + ring[:, 1], np.empty(len(ring))
-    pit, level, count = np.empty((rows * columns, 2), np.int32), np.empty(rows * columns), 1
-    while count > 0:
-        count = 0
-        for row in range(rows):
-            for column in range(columns):
-                if not look[row, column] or filled[row, column] == np.inf:
-                    continue
-                look[row, column] = False
-                cell = (row + away) * wide.shape[1] + column + away
-                level[count] = level_around(flat, cell, steps, depth, around)
-                if level[count] > -np.inf:
-                    pit[count] = row, column
-                    count += 1
-        for k in range(count):
-            row, column = pit[k]
-            filled[row, column] = level[k]
-            top, left = max(0, row - away), max(0, column - away)
-            look[top : row + away + 1, left : column + away + 1] = True
-    return np.where(filled == np.inf, np.nan, filled)
-
-
-@kernel
 def are_covered(
     xyz: Points, cells: Cells, row: int, column: int, middle: float, reach: float, low: Mask
 ) -> bool:
@@ -254,31 +198,20 @@ def are_covered(
 
 @kernel
 def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -> bool:
-    """True if points over `middle` (m) lie all around a point within `reach` (m) in plan, not to one side; or
-    hardly any point lies there.
-    """
+    """True if points over `middle` (m) lie all around a point within `reach` (m) in plan, not to one side."""
     x, y, west, south = xyz[i, 0], xyz[i, 1], cells.corner[0], cells.corner[1]
     left = max(0, int((x - reach - west) / cells.side))
     right = min(cells.columns - 1, int((x + reach - west) / cells.side))
     bottom = max(0, int((y - reach - south) / cells.side))
     top = min(cells.rows - 1, int((y + reach - south) / cells.side))
-    ax, ay, bx, by, any_above, neighbours = (
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        False,
-        0,
-    )  # they are seen from a, counter-clockwise to b
+    # they are seen from a, counter-clockwise to b
+    ax, ay, bx, by, any_above = 0.0, 0.0, 0.0, 0.0, False
     for r in range(bottom, top + 1):
         cell = r * cells.columns
         for k in range(cells.first[cell + left], cells.first[cell + right + 1]):
             j = cells.order[k]
             u, v = xyz[j, 0] - x, xyz[j, 1] - y
-            if not 0.0 < u * u + v * v <= reach * reach:
-                continue
-            neighbours += 1
-            if xyz[j, 2] <= middle:
+            if xyz[j, 2] <= middle or not 0.0 < u * u + v * v <= reach * reach:
                 continue
             after_a, after_b = ax * v - ay * u, bx * v - by * u
             if not any_above:
@@ -289,7 +222,7 @@ def is_covered(xyz: Points, cells: Cells, i: int, middle: float, reach: float) -
                 ax, ay = u, v
             elif after_b > 0.0 or (after_a == after_b == 0.0 and ax * u + ay * v < 0.0):
                 bx, by = u, v
-    return neighbours < LONELY
+    return False
 
 
 @kernel

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.ground.toolkit.wide_objects import LOOK_CELLS, PlateauRules
+from eaves.ground.toolkit.wide_objects import PlateauRules
 from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Integers, Labels, Mask, Points, Raster
@@ -22,18 +22,17 @@ from eaves.raster.grid import (
     whole_cells,
 )
 from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
-from eaves.raster.interpolate import ADJOINING, fill_linear, fill_smooth, near_cells
+from eaves.raster.interpolate import fill_linear, fill_smooth
 
 
 class TerraceRules(PlateauRules):
     """When an object cell is terrain."""
 
-    level_share: float = parameter(
-        0.3,
-        "A piece of `wide_area` that meets the ground level on more of its rim is terrain; one of sixteen "
-        "times the area, on half as much.",
+    object_rim: float = parameter(
+        30.0,
+        "Rim that counts as stepping down of every piece that the opening took: a short one says little.",
+        unit="m",
         ge=0,
-        le=1,
     )
     terrace_steep: float = parameter(
         0.2,
@@ -47,13 +46,10 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
     """The object cells (H, W) that are terrain.
 
     Object cells that continue each other within the tolerance of the ground's roughness make a piece. Its rim
-    is counted where it meets the ground: level, or as a step down; both cells must hold a point, for one
-    interpolated between them makes a slope of a low wall. A roof meets the ground by steps on nearly all
-    sides, also when it is flush with the ground uphill; a spur, a terrace, or a high field at the rim of the
-    data does not. So a piece is terrain when more than `level_share` of its counted rim is level; so is a
-    wide and broad one that nearly nowhere falls by a `wall`, such as a strip of a terrace cut by the rim of
-    the data. The smaller a piece, the shorter its rim and the more of it must be level: the share goes with
-    the fourth root of `wide_area` over its area.
+    is counted where it meets the ground level, and where it steps down; both cells must hold a point, for
+    one interpolated between them makes a slope of a low wall. A roof steps down on nearly all sides, also
+    when it is flush with the ground uphill; a spur, a terrace, or a high field at the rim of the data does
+    not. The two are weighed as those of wide surfaces (`judge_surfaces`).
     """
     z = surface.values.astype(np.float64)
     residual = residual_kernel(z, rules.terrace_steep)
@@ -62,14 +58,9 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
     even = np.concatenate([residual[0][:, :-1][beside[0]], residual[1][:-1][beside[1]]])
     step = rules.tolerance(float(np.median(even)) if len(even) else 0.0)
     piece, count = terrace_pieces(objects, residual, step)
-    # cells without a point of their own kind beside them were interpolated, and have no area
-    covered = objects & near_cells(occupied & objects, ADJOINING)
-    size = np.bincount(piece[covered], minlength=count + 1) * surface.cell**2
-    level, down, high = rim_kernel(objects, piece, count, residual, z, step, occupied, rules.wall)
-    broad = np.bincount(piece[~near_cells(~objects, (2 * LOOK_CELLS) ** 2)], minlength=count + 1) > 0
-    share = rules.level_share * (rules.wide_area / np.maximum(size, surface.cell**2)) ** 0.25
-    terrain = level > share * (level + down)
-    terrain |= broad & (size >= rules.wide_area) & (high <= (1.0 - rules.wall_share) * (level + down))
+    level, down = surface.cell * rim_kernel(objects, piece, count, residual, z, step, occupied)
+    least = rules.object_rim * float(np.mean(occupied)) ** 2  # so much of a rim is known
+    terrain = rules.level_weight * level > down + least
     terrain[0] = False
     return np.asarray(terrain[piece])
 
@@ -117,12 +108,9 @@ def rim_kernel(
     z: NDArray[np.float64],
     step: float,
     occupied: Mask,
-    wall: float,
 ) -> NDArray[np.float64]:
-    """Cell sides (3, count + 1) where each piece meets ground without a step, where it steps down, and where
-    it does by more than `wall` (m).
-    """
-    rims = np.zeros((3, count + 1))
+    """Cell sides (2, count + 1) where each piece meets ground without a step, and where it steps down."""
+    rims = np.zeros((2, count + 1))
     rows, columns = objects.shape
     for row in range(rows):
         for column in range(columns):
@@ -136,10 +124,8 @@ def rim_kernel(
                     if objects[row, column] != objects[r, c]:
                         rims[0, piece[row, column]] += 1
                         rims[0, piece[r, c]] += 1
-                    continue
-                upper = piece[row, column] if z[r, c] < z[row, column] else piece[r, c]
-                rims[1, upper] += 1
-                rims[2, upper] += abs(z[r, c] - z[row, column]) > wall
+                else:
+                    rims[1, piece[row, column] if z[r, c] < z[row, column] else piece[r, c]] += 1
     return rims
 
 
@@ -163,9 +149,9 @@ class Opening(TerraceRules):
         27.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
     )
     object_slope: float = parameter(
-        0.08, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
+        0.1, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
     )
-    slope_share: float = parameter(0.3, "Share of the terrain's slope that is added to it.", ge=0)
+    slope_share: float = parameter(0.1, "Share of the terrain's slope that is added to it.", ge=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,12 +247,24 @@ def seeds_by_opening(lowest: LowestPoints, opening: Opening) -> NDArray[np.int64
     The opening is done twice: what stood between objects stands alone once they are gone. Then terraces
     return.
     """
+    return np.asarray(lowest.number[(lowest.number != EMPTY) & ~stands_over(lowest, opening)])
+
+
+def terrain_of(lowest: LowestPoints, opening: Opening) -> Raster:
+    """The surface (H, W) of the seeds, which goes on between them."""
+    bare = (lowest.number == EMPTY) | stands_over(lowest, opening)
+    values = np.where(bare, np.float32(np.nan), lowest.surface.values)
+    return fill_linear(lowest.surface.with_(values=values))
+
+
+def stands_over(lowest: LowestPoints, opening: Opening) -> Mask:
+    """Cells (H, W) of objects up to the widest window wide."""
     surface, occupied = lowest.surface, lowest.number != EMPTY
     objects = stands_out(surface, opening, lowest.slope) | lowest.over
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
     objects |= stands_out(fill_linear(bare), opening, lowest.slope)
     objects &= ~find_terraces(surface, objects, occupied, opening) | lowest.over
-    return np.asarray(lowest.number[occupied & ~objects])
+    return objects
 
 
 def stands_out(surface: Raster, opening: Opening, slope: Grid) -> Mask:

@@ -15,7 +15,7 @@ from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, PointCloud, Points, Values
 from eaves.raster.grid import WorldGrids, lowest_in_squares
-from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells, nearest_cells
+from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)
 KIND_COUNT = len(KINDS)
@@ -38,15 +38,16 @@ class PlateauRules(Method):
         unit="m",
         gt=0,
     )
-    wall_share: float = parameter(
-        0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
+    up_weight: float = parameter(
+        0.5,
+        "What a metre of rim that goes up, or to crowns and machines, says for terrain, in metres that step "
+        "down.",
+        ge=0,
     )
-    rim_known: float = parameter(
-        0.3, "Least share of its rim that must face terrain, where little of it faces nothing.", ge=0, le=1
+    void_weight: float = parameter(
+        0.75, "The same of a metre beyond which nothing was measured, such as the rim of the data.", ge=0
     )
-    rim_void: float = parameter(
-        0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
-    )
+    level_weight: float = parameter(4.0, "The same of a metre that meets terrain level.", ge=0)
     wide_area: float = parameter(
         200.0, "Smaller surfaces are left to the opening, and it has the last word on them.", unit="m²", gt=0
     )
@@ -101,7 +102,7 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     label = cells_kernel(np.asarray(square, np.int32))
     area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
     area[0] = 0.0
-    sides = rim_kernel(z, occupied, label, LOOK_CELLS, max(rules.wall, cell), step)
+    sides = rim_kernel(z, occupied, label, LOOK_CELLS, max(rules.wall, cell))
     key, length = np.unique(sides, return_counts=True)
     surface, code = np.divmod(key, KIND_COUNT * (count + 1))
     contacts = np.stack([surface, code // KIND_COUNT, code % KIND_COUNT], axis=-1)
@@ -111,76 +112,27 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
 def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     """Verdict on surfaces: which are terrain, and which stand over it.
 
-    The widest surface is terrain, and so are low ones that hardly step down, such as courtyards. All others
-    are taken for raised, in groups of those that touch, until their boundary contradicts it: a surface that
-    meets terrain is terrain too unless `wall_share` of what is known steps down to it by a wall; so is one in
-    a group whose outer rim does not, or is hardly known. What is low in terrain's company no longer is a
-    wall's foot, so the strongest contradictions come first.
+    An object steps down on its rim; terrain is what others stand on, and what terrain leads to. So a surface
+    is terrain unless more of its rim steps down than is weighed up by what goes up, what is void and what
+    meets wide terrain level. The widest is terrain, and what it reaches follows until nothing changes.
     """
-    area, contacts = surfaces.area, surfaces.contacts
-    surface, beyond, _ = contacts.T
-    wide = area >= rules.wide_area
-    everything = surfaces.rims(np.ones(len(contacts), bool))
-    rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
-    widest = int(np.argmax(area))
-    terrain = wide & (everything[:, DOWN] <= (1.0 - rules.wall_share) * stepped)
-    terrain &= height_over(surfaces, widest, terrain) < rules.wall
-    terrain[widest] = True
-    terrain[0] = False
-    while True:
-        facing = surfaces.rims(terrain[beyond] & (beyond > 0))
-        met = facing[:, DOWN:VOID].sum(axis=1)
-        share = facing[:, DOWN] / np.maximum(met, 1.0)
-        joined = facing[:, LEVEL] + facing[:, UP]
-        # little of a rim need meet terrain where a third of that is joined to it
-        heard = np.maximum(met, 3 * joined) >= (1.0 - rules.wall_share) * rim
-        objects = ~terrain & wide & heard & (met > 0) & (share < rules.wall_share)
-        if objects.any():
-            terrain |= objects & (share <= max(0.5, float(share[objects].min())))
-            continue
-        inner = ~terrain[surface] & ~terrain[beyond] & (beyond > 0)
-        group = connected_groups_kernel(surface[inner], beyond[inner], len(area))
-        count = int(group.max()) + 1
-        down, together, void, outer = (
-            np.bincount(group, np.where(terrain, 0.0, of), count)
-            for of in (facing[:, DOWN], met, everything[:, VOID], rim)
-        )
-        outer -= np.bincount(group[surface[inner]], surfaces.length[inner], count)
-        outer = np.maximum(outer, 1.0)
-        evident = (together >= rules.rim_known * outer) & (void <= rules.rim_void * outer)
-        stands = evident & (down >= rules.wall_share * together)
-        objects = ~terrain & wide & ~stands[group]
-        if not objects.any():
-            break
-        first = np.where(met > 0, share, 2.0)
-        terrain |= objects & (first <= max(0.5, float(first[objects].min())))
-    has_wide = np.bincount(group, ~terrain & wide, count) > 0
-    raised = ~terrain & (stands & has_wide)[group]
-    # a scrap goes with its group unless it meets the terrain without a wall, or lies low in the group
-    low = np.where(met > 0, share < rules.wall_share, everything[:, DOWN] < 0.5 * stepped)
-    raised &= wide | ~low
-    raised[0] = False
-    return PlateauVerdict(terrain, raised)
-
-
-def height_over(surfaces: Surfaces, base: int, chosen: Mask) -> Values:
-    """Height (K + 1,) of each chosen surface over the surface `base` where they are nearest; 0 for the
-    others.
-    """
-    over, others = np.zeros(len(surfaces.area)), chosen.copy()
-    others[base] = False
-    at = np.flatnonzero(others[surfaces.label])
-    if len(at) == 0:
-        return over
-    at_base = surfaces.label == base
-    rows, columns = np.divmod(at, at_base.shape[1])
-    near_rows, near_columns = nearest_cells(at_base, rows, columns)
-    away = np.hypot(near_rows - rows, near_columns - columns)
-    surface = surfaces.label.ravel()[at]
-    order = np.lexsort((at, away, surface))
-    first = order[np.r_[True, np.diff(surface[order]) > 0]]
-    over[surface[first]] = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
-    return over
+    surface, beyond, kind = surfaces.contacts.T
+    rims, count = surfaces.rims(np.ones(len(kind), bool)), len(surfaces.area)
+    up = rims[:, UP] + rims[:, UNKNOWN]
+    stands = rims[:, DOWN] - rules.up_weight * up - rules.void_weight * rims[:, VOID]
+    wide = surfaces.area >= rules.wide_area
+    terrain, before = np.arange(count) == np.argmax(surfaces.area), np.zeros(count, bool)
+    while (terrain != before).any():
+        before, meets = terrain, (kind == LEVEL) & (terrain & wide)[beyond]
+        level = np.bincount(surface[meets], surfaces.length[meets], count)
+        terrain = terrain | (stands <= rules.level_weight * level)
+        terrain[0] = False
+    over = ~terrain
+    over[0] = False
+    inner = over[surface] & over[beyond]
+    group = connected_groups_kernel(surface[inner], beyond[inner], count)
+    has_wide = np.bincount(group, over & wide) > 0
+    return PlateauVerdict(terrain & wide, over & has_wide[group])
 
 
 @kernel
@@ -215,7 +167,7 @@ def cells_kernel(square: Labels) -> Labels:
 
 
 @kernel
-def rim_kernel(z: Grid, occupied: Mask, label: Labels, looks: int, down: float, step: float) -> Integers:
+def rim_kernel(z: Grid, occupied: Mask, label: Labels, looks: int, wall: float) -> Integers:
     """For each side of a cell (H, W) on a surface's rim: surface, surface beyond, and kind, as one number.
 
     The first surface within `looks` cells is what is beyond; one's own means that there is no rim.
@@ -247,7 +199,7 @@ def rim_kernel(z: Grid, occupied: Mask, label: Labels, looks: int, down: float, 
                         continue
                     beyond = label[r, c]
                     fall = z[row, column] - z[r, c]
-                    kind = DOWN if fall >= down else (UP if fall <= -step else LEVEL)
+                    kind = DOWN if fall >= wall else (UP if fall <= -wall else LEVEL)
                     break
                 if beyond != surface:
                     sides[count_sides] = (surface * count + beyond) * KIND_COUNT + kind
