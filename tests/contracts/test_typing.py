@@ -42,7 +42,7 @@ if not isinstance(boundary, Failure):
 results = eaves.build("tile.laz", "out", jobs=2, footprints="map.gpkg", detect="consensus")
 assert_type(results.found, int)
 eaves.build("tile.laz", "out", jobs="two")
-eaves.detect_buildings(cloud)
+eaves.detect_buildings(points)
 eaves.Consensus(min_hight=2.5)
 """
 

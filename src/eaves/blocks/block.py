@@ -154,14 +154,14 @@ def see_regions(
     ground: Mapping[Block, Mapping[str, NDArray[np.uint8]]],
     large: Mapping[Block, tuple[Patch, ...]],
     decks: Mapping[Block, tuple[Decks, ...]],
-    parameters: Any,
+    parameters: Recipe,
 ) -> BlockView:
     """View of a block from which its rasters and regions are computed."""
     around = surroundings_of(block, large, decks, parameters)
     return BlockView(points.with_ground(ground), points.file, around)
 
 
-def find_regions(view: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
+def find_regions(view: BlockView, parameters: Recipe) -> dict[str, NDArray[Any]]:
     """Rasters and regions of a block, as `BlockFile` reads them."""
     result = block_pass(view.cloud, view.around, parameters)
     return block_arrays(result) | {"from_file": view.file}

@@ -158,7 +158,7 @@ def see_shown(
     block: Block,
     regions: Mapping[Block, BlockFile],
     ground: Mapping[Block, Mapping[str, NDArray[Any]]],
-    parameters: Any,
+    parameters: object,
 ) -> dict[str, NDArray[Any]]:
     """What a run's files show of a block, as arrays; its seconds with those of its ground."""
     file = regions[block]
@@ -167,7 +167,7 @@ def see_shown(
     return arrays | {SECONDS: packed({**seconds, "ground": float(ground[block][SECONDS])})}
 
 
-def show_block(arrays: dict[str, NDArray[Any]], parameters: Any) -> dict[str, NDArray[Any]]:
+def show_block(arrays: dict[str, NDArray[Any]], parameters: object) -> dict[str, NDArray[Any]]:
     """The arrays, as they are seen."""
     return arrays
 

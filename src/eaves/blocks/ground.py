@@ -44,6 +44,7 @@ DECK_REACH = 4.0 * RULES.widest + COARSEST_M
 """Distance (m) from a square within which large objects decide its decks."""
 
 Records = NDArray[Any]
+BlockPoints = tuple[Block, NDArray[np.int32]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class SquareFloor:
     floor: Floor | None
 
 
-def see_points(block: Block, points: Mapping[Block, tuple[Records, bool]], parameters: Any) -> Any:
+def see_points(block: Block, points: Mapping[Block, tuple[Records, bool]], parameters: object) -> BlockPoints:
     """A block with its points (N,), in quanta about its corner; what the file calls noise stays out."""
     records, classified = points[block]
     if classified:
@@ -63,7 +64,7 @@ def see_points(block: Block, points: Mapping[Block, tuple[Records, bool]], param
     return block, records["xyz"]
 
 
-def find_floor(view: tuple[Block, NDArray[np.int32]], parameters: Any) -> Floor:
+def find_floor(view: BlockPoints, parameters: object) -> Floor:
     """The floor of a block's points."""
     block, quanta = view
     floor = Floor.empty(stored_extent(quanta, block) or Bounds(*block.origin, *block.origin))
@@ -71,7 +72,7 @@ def find_floor(view: tuple[Block, NDArray[np.int32]], parameters: Any) -> Floor:
     return floor
 
 
-def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) -> SquareFloor:
+def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Recipe) -> SquareFloor:
     """A square and the floor of its surroundings, of the floors of the blocks there."""
     pieces = list(floors.values())
     if not pieces:
@@ -84,7 +85,7 @@ def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Any) ->
     return SquareFloor(square, floor)
 
 
-def find_large(view: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
+def find_large(view: SquareFloor, parameters: Recipe) -> tuple[Patch, ...]:
     """Patch of the large objects over the terrain in a square and around it, as far as decks need; empty for
     none."""
     patch = None if view.floor is None else parameters.ground.find_wide_objects(view.floor)
@@ -92,7 +93,7 @@ def find_large(view: SquareFloor, parameters: Any) -> tuple[Patch, ...]:
 
 
 def see_decks(
-    square: Block, floors: Mapping[Block, Floor], large: Mapping[Block, tuple[Patch, ...]], parameters: Any
+    square: Block, floors: Mapping[Block, Floor], large: Mapping[Block, tuple[Patch, ...]], parameters: Recipe
 ) -> tuple[Block, tuple[Decks, Mask] | None]:
     """A square and all that decides the decks in it."""
     floor = see_floors(square, floors, parameters).floor
@@ -100,7 +101,7 @@ def see_decks(
     return square, None if floor is None else look_around(floor, square.bounds, raised)
 
 
-def find_square_decks(view: tuple[Block, tuple[Decks, Mask] | None], parameters: Any) -> tuple[Decks, ...]:
+def find_square_decks(view: tuple[Block, tuple[Decks, Mask] | None], parameters: object) -> tuple[Decks, ...]:
     """The decks of bridges in a square."""
     square, around = view
     return () if around is None else (decks_of(*around, square.bounds),)
@@ -195,14 +196,14 @@ class GroundView:
 
 
 def see_ground(
-    block: Block, points: PointWindow, large: Mapping[Block, tuple[Patch, ...]], parameters: Any
+    block: Block, points: PointWindow, large: Mapping[Block, tuple[Patch, ...]], parameters: Recipe
 ) -> GroundView:
     """View of a block from which its ground is computed."""
     objects = objects_around(block, large, parameters) if parameters.sees_wide else None
     return GroundView(block, points.cloud, points.inside, objects)
 
 
-def classify_block(view: GroundView, parameters: Any) -> dict[str, NDArray[Any]]:
+def classify_block(view: GroundView, parameters: Recipe) -> dict[str, NDArray[Any]]:
     """Classes and, where the filter finds them, parts of a block's points, in the order of its files."""
     clock = Clock()
     core = Bounds(0.0, 0.0, view.block.side, view.block.side)

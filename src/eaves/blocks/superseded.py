@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,15 +30,23 @@ SAME = ("x", "y", "z", "return_number", "number_of_returns", "classification")
 """Two points that agree in these are one: a tile delivered again changes only what differs in it."""
 
 
+class Scans(Protocol):
+    """What decides which points are earlier ones."""
+
+    @property
+    def generations(self) -> Sequence[int]:
+        """The number of the first input of each later scan."""
+
+
 def see_scans(
-    block: Block, scans: Mapping[Block, list[tuple[int, Records]]], parameters: Any
+    block: Block, scans: Mapping[Block, list[tuple[int, Records]]], parameters: object
 ) -> dict[Block, list[tuple[int, Records]]]:
     """The points of a block, first, and of those around it, by the number of their input."""
     return {block: scans[block], **scans}
 
 
 def find_superseded(
-    view: Mapping[Block, list[tuple[int, Records]]], parameters: Any
+    view: Mapping[Block, list[tuple[int, Records]]], parameters: Scans
 ) -> dict[str, NDArray[np.int64]]:
     """The points of a block that are superseded: earlier points where later ones cover their place, but of
     two that agree the later one. Their ids (K,), ascending, and how many of the last scan's points came, and

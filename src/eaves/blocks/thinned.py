@@ -35,13 +35,13 @@ COVER_CELL = 0.5
 
 
 def see_files(
-    block: Block, points: Mapping[Block, list[Records]], parameters: Any
+    block: Block, points: Mapping[Block, list[Records]], parameters: object
 ) -> tuple[Block, list[Records]]:
     """A block with its points, those of each file in canonical order."""
     return block, points[block]
 
 
-def find_thinned(view: tuple[Block, Sequence[Records]], parameters: Any) -> dict[str, NDArray[Any]]:
+def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> dict[str, NDArray[Any]]:
     """The points that stand for all of a block, in canonical order, as bytes; of all its points, file by
     file, the number (N,) of the one that stands for each; how many are copies of others, with the ids of one
     and of its copy. Nothing where they are not dense, and none is a copy.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 from shapely import Polygon
@@ -17,6 +17,9 @@ from eaves.buildings.owned import try_building
 from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.run.world_squares import squares_touching
+
+if TYPE_CHECKING:
+    from eaves.buildings.owned import BuildingParameters
 
 VERSION, CREATED = "version", "creationDate"
 """Attributes of a building to which an update gave a version."""
@@ -83,7 +86,7 @@ def see_orders(
     unit: OwnedOrders,
     regions: Mapping[Block, BlockFile],
     found: Mapping[Block, Mapping[str, NDArray[Any]]],
-    parameters: Any,
+    parameters: BuildingParameters,
 ) -> GatheredOrders:
     """View of the buildings of a block from which those that orders ask for are computed."""
     owner, computed = unit.owner_block, set(regions)
@@ -99,7 +102,7 @@ def see_orders(
     return GatheredOrders(unit.orders, found[owner], outlines, points)
 
 
-def model_orders(view: GatheredOrders, parameters: Any) -> dict[str, NDArray[Any]]:
+def model_orders(view: GatheredOrders, parameters: BuildingParameters) -> dict[str, NDArray[Any]]:
     """The buildings of a block after its orders, as the arrays of their file: each in the place of the one it
     is of, and behind them those that were not found."""
     orders = {order.id: order for order in view.orders}
@@ -116,7 +119,7 @@ def model_orders(view: GatheredOrders, parameters: Any) -> dict[str, NDArray[Any
 
 
 def model_order(
-    order: Order, view: GatheredOrders, version: Mapping[str, Any], parameters: Any
+    order: Order, view: GatheredOrders, version: Mapping[str, Any], parameters: BuildingParameters
 ) -> Iterator[BuildingResult]:
     """The buildings that an order asks for, with the `version` of the building as it was found; an outline
     without an area gives none."""

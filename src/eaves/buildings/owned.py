@@ -52,7 +52,15 @@ from eaves.validate import Tolerances, validate_model
 from eaves.validate.models import find_invalid
 
 if TYPE_CHECKING:
+    from eaves.model import CoordinateSystem
     from eaves.recipe.recipe import Recipe
+
+    class BuildingParameters(Recipe):
+        """The part of a recipe that these steps declare, with the system and an option."""
+
+        system: CoordinateSystem
+        snap_footprints: bool
+
 
 log = logging.getLogger("eaves")
 
@@ -67,7 +75,7 @@ class GatheredBuildings:
 
 
 def see_buildings(
-    plan: OwnedBuildings, regions: Mapping[Block, BlockFile], points: object, parameters: Any
+    plan: OwnedBuildings, regions: Mapping[Block, BlockFile], points: object, parameters: BuildingParameters
 ) -> GatheredBuildings:
     """View of the buildings of an owner block from which they are computed: their points and surroundings."""
     gatherer = Gatherer(regions, around=MARGIN if parameters.keeps_low else None)
@@ -79,7 +87,7 @@ def see_buildings(
 
 
 def model_buildings(
-    view: GatheredBuildings, earlier: Sequence[SavedBuilding] | None, parameters: Any
+    view: GatheredBuildings, earlier: Sequence[SavedBuilding] | None, parameters: BuildingParameters
 ) -> dict[str, NDArray[Any]]:
     """Outlines, units, roofs and solids of the buildings of an owner block, as the arrays of their file.
 

@@ -69,7 +69,8 @@ class Step:
     takes : tuple of Input
         All that its functions are given beside parameters.
     see : callable
-        `see(unit, *inputs, parameters)`: exactly what the result follows from.
+        `see(unit, *inputs, parameters)`: exactly what the result follows from. Parameters are typed as the
+        recipe of which they are the part that is declared.
     run : callable
         `run(seen, parameters)`: the result, a value or arrays by name.
     load : callable or None

@@ -130,7 +130,10 @@ def _squares_under(
 
 
 @kernel
-def list_squares_kernel(plan, columns, rows, touch, cursor, members, fill):  # type: ignore[no-untyped-def]
+def list_squares_kernel(
+    plan: NDArray[np.float64], columns: int, rows: int, touch: float, cursor: NDArray[np.int64],
+    members: NDArray[np.int32], fill: bool,
+) -> None:  # fmt: skip
     """Count in `cursor`, or list in `members`, the polygons that meet each unit square (separating axes)."""
     count, corners = plan.shape[0], plan.shape[1]
     for t in range(count):

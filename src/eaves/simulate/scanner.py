@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import HIGH_NOISE, LOW_NOISE, UNCLASSIFIED, PointCloud
+from eaves.model import (
+    HIGH_NOISE,
+    LOW_NOISE,
+    UNCLASSIFIED,
+    Integers,
+    Labels,
+    Mask,
+    PointCloud,
+    Points,
+    Values,
+)
 from eaves.simulate.flight import Flight, Pattern, Pulses, fly
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.surfaces import CONE, ELLIPSOID
@@ -115,7 +125,7 @@ def trace_pulses(
 
 
 @kernel
-def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
+def fullness_kernel(x: float, y: float, z: float, seed: int) -> float:
     """Density of leaves in the clump at a point: 0, or 0.5 to 1.5 times 1 / the share that is filled."""
     mixed = np.uint64(np.int64(np.floor(x / CLUMP)) & 0x1FFFFF)
     mixed |= np.uint64(np.int64(np.floor(y / CLUMP)) & 0x1FFFFF) << np.uint64(21)
@@ -131,7 +141,7 @@ def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def inside_leaves_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-def]
+def inside_leaves_kernel(bodies: Values, k: int, shape: int, x: float, y: float, z: float) -> bool:
     """True if a point is inside body number k of the leaves."""
     dx, dy, w = x - bodies[k, 0], y - bodies[k, 1], (z - bodies[k, 2]) / bodies[k, 5]
     if w < -1.0 or w > 1.0:
@@ -149,11 +159,13 @@ def inside_leaves_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-
 
 
 @kernel
-def trace_kernel(  # type: ignore[no-untyped-def]
-    origins, directions, offsets, energies, heights, water, west, south, cell, tops, lowest, highest,
-    triangles, label, starts, members, bodies, shapes, leaf_label, leaf_starts, leaf_members,
-    dead_zone, threshold, seed, ranges, labels, echoes,
-):  # fmt: skip
+def trace_kernel(
+    origins: Points, directions: Points, offsets: Values, energies: Values, heights: Values, water: Mask,
+    west: float, south: float, cell: float, tops: Values, lowest: Values, highest: Values,
+    triangles: Values, label: Labels, starts: Integers, members: Labels, bodies: Values, shapes: Labels,
+    leaf_label: Labels, leaf_starts: Integers, leaf_members: Labels, dead_zone: float, threshold: float,
+    seed: int, ranges: Values, labels: Labels, echoes: Labels,
+) -> None:  # fmt: skip
     """Trace every ray of every pulse through the grid, gather what returns, and cut it into echoes."""
     columns, rows = water.shape
     amount, moment, largest = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS)
@@ -287,7 +299,16 @@ def trace_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # type: ignore[no-untyped-def]
+def gather_kernel(
+    t: float,
+    energy: float,
+    label: int,
+    base: float,
+    amount: Values,
+    moment: Values,
+    largest: Values,
+    source: Labels,
+) -> int:
     """Add a reflection to its range bin and return its number; a bin keeps its largest source."""
     place = min(max(int((t - base) / BIN), 0), BINS - 1)
     amount[place] += energy
@@ -300,9 +321,10 @@ def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # t
 
 
 @kernel
-def cut_echoes_kernel(  # type: ignore[no-untyped-def]
-    amount, moment, largest, source, first_bin, last_bin, dead_zone, threshold, ranges, labels
-):  # fmt: skip
+def cut_echoes_kernel(
+    amount: Values, moment: Values, largest: Values, source: Labels, first_bin: int, last_bin: int,
+    dead_zone: float, threshold: float, ranges: Values, labels: Labels,
+) -> int:  # fmt: skip
     """Write the echoes of one pulse to `ranges` and `labels`; returns how many there are."""
     count, first = 0, first_bin
     while first <= last_bin and count < ranges.shape[0]:

@@ -9,15 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.kernels import inlined_kernel, kernel
+from eaves.model import Integers, Points
+
+Place = Integers
+"""Three coordinates, (3,); three of them are a triangle, (3, 3)."""
+Vector = tuple[float, float, float]
 
 HALF = 30
 MASK = (1 << HALF) - 1
 
 
 @kernel
-def orient_kernel(  # type: ignore[no-untyped-def]
-    a, b, c, d
-):
+def orient_kernel(a: Place, b: Place, c: Place, d: Place) -> int:
     """Sign of the volume of the tetrahedron a, b, c, d: +1 if d lies above counter-clockwise abc."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -36,18 +39,14 @@ def orient_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def turn_kernel(  # type: ignore[no-untyped-def]
-    a, b, c, i, j
-):
+def turn_kernel(a: Place, b: Place, c: Place, i: int, j: int) -> int:
     """Sign of the area of a, b, c on the axes i and j: +1 for a left turn."""
     value = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i])
     return 1 if value > 0 else (-1 if value < 0 else 0)
 
 
 @kernel
-def plane_axes_kernel(  # type: ignore[no-untyped-def]
-    a, b, c
-):
+def plane_axes_kernel(a: Place, b: Place, c: Place) -> tuple[int, int]:
     """Two axes on which the triangle a, b, c has its largest shadow."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -60,9 +59,7 @@ def plane_axes_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def segments_meet_kernel(  # type: ignore[no-untyped-def]
-    p, q, a, b, i, j
-):
+def segments_meet_kernel(p: Place, q: Place, a: Place, b: Place, i: int, j: int) -> bool:
     """True if the closed segments p q and a b, on one plane, have a point in common."""
     t1, t2 = turn_kernel(p, q, a, i, j), turn_kernel(p, q, b, i, j)
     t3, t4 = turn_kernel(a, b, p, i, j), turn_kernel(a, b, q, i, j)
@@ -77,18 +74,14 @@ def segments_meet_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def in_triangle_kernel(  # type: ignore[no-untyped-def]
-    p, a, b, c, i, j
-):
+def in_triangle_kernel(p: Place, a: Place, b: Place, c: Place, i: int, j: int) -> bool:
     """True if p, on the plane of the triangle a, b, c, lies in it or on its rim."""
     t1, t2, t3 = turn_kernel(a, b, p, i, j), turn_kernel(b, c, p, i, j), turn_kernel(c, a, p, i, j)
     return (t1 >= 0 and t2 >= 0 and t3 >= 0) or (t1 <= 0 and t2 <= 0 and t3 <= 0)
 
 
 @kernel
-def segment_meets_triangle_kernel(  # type: ignore[no-untyped-def]
-    p, q, a, b, c
-):
+def segment_meets_triangle_kernel(p: Place, q: Place, a: Place, b: Place, c: Place) -> bool:
     """True if the closed segment p q and the closed triangle a, b, c have a point in common."""
     side_p, side_q = orient_kernel(a, b, c, p), orient_kernel(a, b, c, q)
     if side_p * side_q > 0:
@@ -106,9 +99,7 @@ def segment_meets_triangle_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def one_side_kernel(  # type: ignore[no-untyped-def]
-    t, u
-):
+def one_side_kernel(t: Integers, u: Integers) -> bool:
     """True if all corners of triangle u lie strictly on one side of the plane of triangle t."""
     first = orient_kernel(t[0], t[1], t[2], u[0])
     return (
@@ -119,9 +110,7 @@ def one_side_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def triangles_meet_kernel(  # type: ignore[no-untyped-def]
-    t, u, nt, nu
-):
+def triangles_meet_kernel(t: Integers, u: Integers, nt: Integers, nu: Integers) -> bool:
     """True if triangles t and u (3, 3) meet but in the corners and edges their numbers nt, nu share."""
     shared, own_t, own_u = 0, -1, -1
     for k in range(3):
@@ -160,9 +149,9 @@ def triangles_meet_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def self_intersections_kernel(  # type: ignore[no-untyped-def]
-    corners, numbers, face, shell
-):
+def self_intersections_kernel(
+    corners: Integers, numbers: Integers, face: Integers, shell: Integers
+) -> Integers:
     """Pairs (K, 2) of faces of one shell that meet elsewhere than in shared corners and edges.
 
     `corners` (T, 3, 3) and `numbers` (T, 3) are the triangles' coordinates and vertex numbers, sorted by
@@ -197,9 +186,7 @@ CROSS, SAME_SIDE, OPPOSITE_SIDE = 1, 2, 4
 
 
 @kernel
-def pierces_kernel(  # type: ignore[no-untyped-def]
-    p, q, t
-):
+def pierces_kernel(p: Place, q: Place, t: Integers) -> bool:
     """True if the open segment p q passes through the open triangle t."""
     side_p, side_q = orient_kernel(t[0], t[1], t[2], p), orient_kernel(t[0], t[1], t[2], q)
     if side_p * side_q >= 0:
@@ -211,9 +198,7 @@ def pierces_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def share_area_kernel(  # type: ignore[no-untyped-def]
-    t, u, i, j
-):
+def share_area_kernel(t: Integers, u: Integers, i: int, j: int) -> bool:
     """True if two triangles on one plane overlap in an area: no edge of either separates them."""
     turn_t, turn_u = turn_kernel(t[0], t[1], t[2], i, j), turn_kernel(u[0], u[1], u[2], i, j)
     for k in range(3):
@@ -229,9 +214,7 @@ def share_area_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def crossings_kernel(  # type: ignore[no-untyped-def]
-    first, second
-):
+def crossings_kernel(first: Integers, second: Integers) -> int:
     """Sum of the codes above that occur where two sets of triangles (N, 3, 3) and (M, 3, 3) meet."""
     result = 0
     for n in range(len(first)):
@@ -263,19 +246,19 @@ def crossings_kernel(  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def between(p, q):  # type: ignore[no-untyped-def]
+def between(p: Place, q: Place) -> Vector:
     """The vector from one place to another."""
     return float(q[0] - p[0]), float(q[1] - p[1]), float(q[2] - p[2])
 
 
 @inlined_kernel
-def dot(u, v):  # type: ignore[no-untyped-def]
+def dot(u: Vector, v: Vector) -> float:
     """The product of two vectors."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
 @inlined_kernel
-def cross(u, v):  # type: ignore[no-untyped-def]
+def cross(u: Vector, v: Vector) -> Vector:
     """The vector upright on two."""
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
 
@@ -285,9 +268,7 @@ MARGIN = 0.01
 
 
 @kernel
-def enclosed_kernel(  # type: ignore[no-untyped-def]
-    samples, triangles
-):
+def enclosed_kernel(samples: Points, triangles: Integers) -> Integers:
     """For samples (N, 3) in a shell of triangles (T, 3, 3): 1 inside, 0 on the shell, -1 outside.
 
     The solid angle under which the shell is seen [vanoosterom1983] is ±4π inside and 0 outside; near the
