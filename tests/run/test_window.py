@@ -11,6 +11,7 @@ import rasterio
 import shapely
 from tests.formats.copc_writer import write_copc
 
+import eaves
 from eaves.formats import iter_chunks, open_source
 from eaves.model import Bounds
 from eaves.pipeline import build
@@ -85,3 +86,18 @@ def test_a_run_with_bounds_knows_and_writes_nothing_outside(
     written = laspy.read(tmp_path / "classified.laz")
     assert 100 < len(written) == bounds.contains(written.xyz).sum() == summary.points_used < summary.points
     assert f"{summary.points_used:,} of {summary.points:,} points" in summary.as_text()
+
+
+def test_a_clip_gives_the_buildings_of_the_same_bounds(inputs: dict[str, Path], tmp_path: Path) -> None:
+    """A law: what an area is called by does not decide what is found in it."""
+    whole = open_source(inputs["laz"]).bounds
+    # between the points, of which clip and bounds count those on the line otherwise
+    bounds = Bounds(*np.round([whole.west + 0.0004, whole.south + 0.0004, whole.east - 20.0, whole.north], 4))
+    made = ("footprints", "models")
+    eaves.build(inputs["laz"], tmp_path / "bounds", bounds=bounds, outputs=made)
+    eaves.build(inputs["laz"], tmp_path / "clip", clip=[shapely.box(*bounds)], outputs=made)
+    lines = [
+        (tmp_path / name / "buildings.city.jsonl").read_text(encoding="utf-8").splitlines()
+        for name in ("bounds", "clip")
+    ]
+    assert len(lines[0]) > 3 and lines[0][1:] == lines[1][1:]
