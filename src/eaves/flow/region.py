@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eaves.blocks.seams import REACH, compare_heights, find_steps, shared_places
 from eaves.blocks.thinned import FEW_PER_M2
 from eaves.buildings.building_file import NUMBERS
 from eaves.buildings.edited import OwnedOrders
@@ -50,6 +51,7 @@ from eaves.run.partition import (
     known_parts,
     partition_slice,
 )
+from eaves.run.points import load_inputs
 from eaves.run.workers import Workers
 from eaves.run.world_squares import ring
 
@@ -101,6 +103,7 @@ def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()
             return
         region.within |= squares
     read_points(region)
+    compare_inputs(region)
     replace_points(region)
     thin_points(region)
     use_blocks(region)
@@ -180,6 +183,21 @@ def is_in_place(region: Region, part: FileSlice, names: Collection[str] | None) 
     return all((store.folder / "points" / name / f"{part.name}.bin").exists() for name in blocks)
 
 
+def compare_inputs(region: Region) -> None:
+    """Measure by how much the heights of inputs differ where these overlap or adjoin."""
+    store, index = region.store, region.run.index
+    if len(index) < 2:
+        return
+    index = index.with_boxes(region.wrong_boxes)
+    asked = store.blocks(region.run.side) if region.within is None else sorted(region.within)
+    for block in (block for block in asked if block not in region.heights):
+        boxes = index.entries["box"][index.meeting(block.bounds.buffered(REACH))]
+        place = shared_places(boxes, block)
+        region.heights[block] = (
+            {} if place is None else compare_heights(block, load_inputs(store, block, place))
+        )
+
+
 def replace_points(region: Region) -> None:
     """Leave out the points that those of later scans take the place of."""
     store, generations = region.store, region.run.generations
@@ -242,6 +260,21 @@ def remark_on_copies(region: Region) -> None:
     )
 
 
+def remark_on_steps(region: Region) -> None:
+    """Say which two inputs differ most in height where they meet, and by how much."""
+    found = find_steps([region.heights[block] for block in sorted(region.heights)])
+    if not found:
+        return
+    step, *numbers, places = found[0]
+    low, high = (region.run.index.path(number).name for number in (numbers if step > 0 else numbers[::-1]))
+    others = f"; {len(found) - 1} more pairs of files differ" if len(found) > 1 else ""
+    facts = f"{abs(step):.2f} m higher than {low} where they meet (median of {places:,} places{others})"
+    region.remark(
+        f"{high} lies {facts}: a vertical step between files, as of two height systems; heights of "
+        "the results follow each file"
+    )
+
+
 def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:
     """Bring the results of a step that says which of some blocks' points are used, and no others of it."""
     region.store.keep_only(step.name, units)
@@ -286,6 +319,7 @@ def check_blocks(region: Region) -> None:
         )
     warn_of_wrong_boxes(region)
     remark_on_copies(region)
+    remark_on_steps(region)
     if region.shown:
         return
     if run.index.points and not region.isolated and run.window == Window():

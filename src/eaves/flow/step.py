@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 from numpy.typing import NDArray
 
+from eaves.blocks.seams import Heights
 from eaves.flow.run import Progress, Run, no_progress
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
@@ -198,6 +199,8 @@ class Region:
     """Step, by its name → the units whose results are there."""
     copies: dict[Block, tuple[int, ...]] = field(default_factory=dict)
     """Blocks with identical points: how many are copies, and the ids of one and of its copy."""
+    heights: dict[Block, Heights] = field(default_factory=dict)
+    """Blocks in which inputs overlap or adjoin: differences of their heights."""
     visits: dict[Block | None, Visit] = field(default_factory=dict)
     """Tile → what was found of it; None → of a run in one piece."""
     unfinished: frozenset[Block] = frozenset()

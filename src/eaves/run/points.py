@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import GRID_STEP, Block, PointCloud, Points
+from eaves.model import GRID_STEP, Block, Bounds, PointCloud, Points
 from eaves.model.cloud import PER_METRE
 from eaves.run.store import RECORD, Store, map_records
 from eaves.run.world_squares import squares_touching
@@ -140,6 +140,21 @@ def load_scans(store: Store, block: Block) -> list[tuple[int, NDArray[Any]]]:
         for scan, path in store.scan_files(block)
         for records in map_records([path], store.record)
     ]
+
+
+def load_inputs(store: Store, block: Block, bounds: Bounds) -> dict[int, list[Points]]:
+    """The points (N, 3) within world metres as they were read, about a block's corner (m): input, by number,
+    to those in each of its files."""
+    points: dict[int, list[Points]] = {}
+    for square in squares_touching(bounds, block.side):
+        limits = [round(value / GRID_STEP) for value in bounds.translated(*-np.array(square.origin))]
+        shift = (*np.subtract(square.origin, block.origin), 0.0)
+        rows = np.zeros((limits[3] - limits[1]) // PER_METRE + 2, np.int64)
+        for number, records in load_scans(store, square):
+            which = within_kernel(records["xyz"], *limits, rows)
+            if len(which):
+                points.setdefault(number, []).append(records["xyz"].take(which, axis=0) * GRID_STEP + shift)
+    return points
 
 
 @kernel
