@@ -12,7 +12,8 @@ import shapely
 from tests.formats.copc_writer import write_copc
 
 from eaves.formats import iter_chunks, open_source
-from eaves.model import Bounds
+from eaves.formats.vectors.geopackage import Row, write_geopackage
+from eaves.model import Bounds, CoordinateSystem
 from eaves.pipeline import build
 from eaves.run.index import index_inputs
 from eaves.run.partition import Window, file_slices, partition_slice
@@ -85,3 +86,22 @@ def test_a_run_with_bounds_knows_and_writes_nothing_outside(
     written = laspy.read(tmp_path / "classified.laz")
     assert 100 < len(written) == bounds.contains(written.xyz).sum() == summary.points_used < summary.points
     assert f"{summary.points_used:,} of {summary.points:,} points" in summary.as_text()
+
+
+def test_a_clip_area_that_is_a_rectangle_gives_the_buildings_of_the_same_bounds(
+    inputs: dict[str, Path], tmp_path: Path
+) -> None:
+    whole = open_source(inputs["laz"]).bounds
+    bounds = Bounds(whole.west + 1, whole.south + 1, whole.west + 45, whole.north - 1)
+    write_geopackage(tmp_path / "area.gpkg", [Row(shapely.box(*bounds), {})], (), CoordinateSystem())
+    outputs = ("footprints", "models")
+    found = [
+        build(inputs["laz"], tmp_path / name, outputs=outputs, **{name: area}).found
+        for name, area in (("bounds", bounds), ("clip", tmp_path / "area.gpkg"))
+    ]
+    assert found[0] == found[1] > 1
+    models = [
+        (tmp_path / name / "buildings.city.jsonl").read_text(encoding="utf-8").splitlines()
+        for name in ("bounds", "clip")
+    ]
+    assert models[0][1:] == models[1][1:]
