@@ -64,11 +64,13 @@ def build_in_blocks(
     tile_blocks: int = 1,
     progress: Progress = no_progress,
     correction: Correction = no_correction,
+    generations: tuple[int, ...] = (),
     **options: Any,
 ) -> Summary:
     """What `eaves.pipeline.build` writes with blocks of a side (m), of which small scenes have several, and
-    with `per_tile` in tiles of so many blocks a side."""
+    with `per_tile` in tiles of so many blocks a side; inputs of later scans as in an update."""
     run = replace(open_run(inputs, out, *words, **options), side=side, tile_side=tile_blocks * side)
+    run = replace(run, generations=generations)
     with hold_folder(run) as workers:
         summary = build_run(run, workers, progress, sink, correction)
         end_run(run, summary)

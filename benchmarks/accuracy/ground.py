@@ -11,10 +11,12 @@ import os
 import subprocess
 import sys
 import tempfile
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Literal
+from unittest.mock import patch
 
 import laspy
 import numpy as np
@@ -291,7 +293,8 @@ def judge_command(data: Path) -> None:
     note = (
         f"Mean {np.mean(here):.2f} % where the samples lie; {np.mean(places):.2f} % over {PLACES} random "
         f"places (each sample moved by up to 240 m, the same moves for all), at most {max(worst):.2f} %. "
-        "Where borders of cells fall decides thin samples, so the mean over places is the figure to quote."
+        "Where borders of cells fall decides thin samples, so the mean over places is the figure to quote. "
+        f"SMRF: {np.mean([float(str(row['SMRF, five numbers %'])) for row in rows]):.2f} %."
     )
     keep("ground-command", "Ground: by the command", rows, f"{COMMAND} --command", note)
 
@@ -329,6 +332,61 @@ def judge_left_out(data: Path) -> None:
     keep("ground-left-out", "Ground: leave-one-out choice", rows, f"{COMMAND} --left-out", note)
 
 
+def judge_rules(data: Path) -> None:
+    """Errors of everything with each rule of the ground switched off."""
+    from benchmarks.accuracy.ablation import target_of
+    from benchmarks.accuracy.ablation_rules import GROUND
+    from benchmarks.accuracy.ground_towns import UNSEEN, draw_all, judge
+
+    samples = {name: read_isprs(data, name) for name in ISPRS}
+    shifts = np.random.default_rng(PLACES_SEED).uniform(0.0, 240.0, (LEFT_OUT_PLACES, 2))
+    crops = {name: read_las(data / "ahn3_ground" / f"{name}_manually_classified.las") for name in CROPS}
+    delft, towns = read_las(data / "delft" / "ahn3.laz"), list(draw_all(UNSEEN))
+    rows: list[dict[str, object]] = []
+    for label, off in [("none", {}), *((rule.name, rule.off) for rule in GROUND)]:
+        moved = {name.split(".")[1]: value for name, value in off.items() if ":" not in name}
+        with ExitStack() as patches:
+            for name, value in off.items():
+                if ":" in name:
+                    patches.enter_context(patch.object(*target_of(name), value))
+            method = AdaptiveTin(**moved)
+            errors = [
+                np.mean(
+                    [
+                        total_error(
+                            sample,
+                            classify_ground(
+                                PointCloud.from_world(sample.cloud.world + [*shift, 0.0]), method
+                            ).ground,
+                        )
+                        for shift in shifts
+                    ]
+                )
+                for sample in samples.values()
+            ]
+            drawn = [judge(town, classify_ground(town.cloud, method)) for town in towns]
+            rows.append(
+                {
+                    "off": label,
+                    "ISPRS %": float(np.mean(errors)),
+                    "worst %": float(np.max(errors)),
+                    **{
+                        f"{name} %": total_error(one, classify_ground(one.cloud, method).ground, (9, 26))
+                        for name, one in {**crops, "Delft": delft}.items()
+                    },
+                    **{
+                        f"towns: {key}": float(np.mean([float(str(row[key])) for row in drawn]))
+                        for key in ("total error %", "levels kept", "halls found")
+                    },
+                }
+            )
+    note = (
+        f"Total errors with one rule switched off; ISPRS: mean of {LEFT_OUT_PLACES} places; without water "
+        "and bridges; drawn old towns of seeds that had no say."
+    )
+    keep("ground-rules", "Ground: each rule switched off", rows, f"{COMMAND} --rules", note)
+
+
 def judge_moved(data: Path) -> None:
     """Mean total errors of the ISPRS samples with each number of `adaptive_tin` moved by a quarter."""
     samples = [read_isprs(data, name) for name in ISPRS]
@@ -360,6 +418,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--command", action="store_true", help="the samples by `eaves ground`")
     parser.add_argument("--left-out", action="store_true", help="each sample by what the others choose")
+    parser.add_argument("--rules", action="store_true", help="each rule switched off")
     parser.add_argument("--moved", action="store_true", help="each number moved by a quarter")
     parser.add_argument("--towns", action="store_true", help="simulated towns")
     wanted = parser.parse_args()
@@ -374,6 +433,8 @@ def main() -> None:
         judge_command(data)
     if wanted.left_out:
         judge_left_out(data)
+    if wanted.rules:
+        judge_rules(data)
     if wanted.moved:
         judge_moved(data)
     if not any(vars(wanted).values()):

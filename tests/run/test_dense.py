@@ -181,3 +181,20 @@ def test_tiles_with_a_buffer_give_the_models_of_the_points_alone__and_it_is_said
         for n in ("west", "east")
     ]
     assert all((one > 0).all() for one in classes)
+
+
+def test_points_on_the_shared_edge_of_tiles_count_once(tmp_path: Path) -> None:
+    whole, _ = tiles_of_nine(tmp_path)
+    las = laspy.read(whole)
+    x = np.asarray(las.X)
+    edge = np.sort(x)[len(x) // 2]
+    tiles = []
+    for name, inside in (("w", x <= edge), ("e", x >= edge)):
+        tile = laspy.LasData(las.header)
+        tile.points = las.points[inside].copy()
+        tiles.append(tmp_path / f"{name}.laz")
+        tile.write(tiles[-1])
+    again = build(tiles, tmp_path / "again", outputs=("footprints",))
+    twice = int((x == edge).sum())
+    (remark,) = again.remarks
+    assert twice > 0 and remark.startswith(f"{twice} of {len(x) + twice:,} points are identical")

@@ -84,6 +84,42 @@ def test_given_footprints_are_modelled_once_each(
     assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
+def test_points_that_later_ones_take_the_place_of_are_the_same_by_tiles(
+    crossed: Path, tmp_path: Path
+) -> None:
+    """A later scan of a part, a metre higher, whose rim crosses blocks and tiles; a file for each block."""
+    side, inputs = 24.0, list[Path]()
+    east, west = (laspy.read(crossed / f"{name}.laz") for name in ("east", "west"))
+    for number, las in enumerate((east, west, east)):
+        xy = np.column_stack([las.x, las.y])
+        low, high = xy.min(axis=0), xy.max(axis=0)
+        if number == 2:
+            las.points["X"] += 37
+            las.points["Z"] += round(1.0 / las.header.scales[2])
+            low, high = low + 0.1 * (high - low), low + 0.8 * (high - low)
+        place = np.floor(xy / side).astype(int)
+        inside = ((xy >= low) & (xy <= high)).all(axis=1)
+        for square in np.unique(place[inside], axis=0):
+            part = laspy.LasData(las.header)
+            part.points = las.points[inside & (place == square).all(axis=1)].copy()
+            inputs.append(tmp_path / f"{number}-{square[0]}-{square[1]}.laz")
+            part.write(inputs[-1])
+    later = sum(not path.name.startswith("2-") for path in inputs)
+    outputs = ("footprints", "models", "rasters", "mask")
+    for way in ("whole", "tiled"):
+        summary = build_in_blocks(
+            side,
+            inputs,
+            tmp_path / way,
+            outputs=outputs,
+            per_tile=way == "tiled",
+            generations=(later,),
+        )
+        assert summary.found > 3
+    assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
+
+
 class StoppedError(Exception):
     """The run ends here."""
 

@@ -37,7 +37,7 @@ from eaves.flow.tiles import (
     squares_of_area,
 )
 from eaves.formats.atomic import atomic
-from eaves.model import Block
+from eaves.model import GRID_STEP, Block
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import NAMED, key_of
 from eaves.run.partition import (
@@ -228,7 +228,7 @@ def thin_points(region: Region) -> None:
 
 def may_hold_copies(region: Region, block: Block) -> bool:
     """True if a part of an input has identical points in a block, several parts of one input have points
-    there, or the boxes of several inputs overlap in it: points of others cannot be at one place."""
+    there, or the boxes of several inputs overlap or touch in it: points of others cannot be at one place."""
     names = [path.stem for _, path in region.store.scan_files(block)]
     if any(block.name in region.parts[name].repeated for name in names if name in region.parts):
         return True
@@ -243,7 +243,7 @@ def may_hold_copies(region: Region, block: Block) -> bool:
     height = np.minimum.outer(north, north).clip(max=limits.north) - np.maximum.outer(south, south).clip(
         limits.south
     )
-    return bool(np.triu((width > 0) & (height > 0), 1).any())
+    return bool(np.triu((width > -GRID_STEP) & (height > -GRID_STEP), 1).any())
 
 
 def remark_on_copies(region: Region) -> None:

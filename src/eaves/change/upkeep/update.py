@@ -104,11 +104,11 @@ def update(
     It is a build over what the run kept: a step that takes what it took before is found by its key. New
     points take the place of the earlier ones in the area that they cover (`eaves.blocks.superseded`); what
     comes out is what a build of the points that stay and the new ones gives, but for buildings that these
-    only confirm: where a group of buildings that stand wall to wall differs nowhere by as much as a
-    comparison of both epochs would list, it stays as it was. Others keep their ids where half of their
-    outline stays. Edits are those kept in the folder's edits.gpkg, what was changed in its
-    footprints.gpkg, and those of the file `edits`. Without new points a run need not have kept anything:
-    all is then computed again.
+    only confirm: where they took the place of earlier points of a group of buildings that stand wall to
+    wall, and it differs nowhere by as much as a comparison of both epochs would list, it stays as it was.
+    Others keep their ids where half of their outline stays. Edits are those kept in the folder's edits.gpkg,
+    what was changed in its footprints.gpkg, and those of the file `edits`. Without new points a run need not
+    have kept anything: all is then computed again.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import TABLE_CELLS, measure_spacing
-from eaves.ground.toolkit.pits import RING, empty_around, level_around, ring_of
+from eaves.ground.toolkit.floor import RING, empty_around, level_around, ring_of
 from eaves.ground.toolkit.seeds import Opening, lowest_surface, terrain_of
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Integers, Mask, PointCloud, Points, Values
