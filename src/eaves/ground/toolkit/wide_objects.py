@@ -72,10 +72,11 @@ class Surfaces:
     contacts: Integers
     length: Values
 
-    def rims(self, which: Mask) -> Values:
-        """Sides of cells of each surface (K + 1, KINDS) by kind, counting the contacts (E,) picked."""
-        key = self.contacts[which, 0] * KIND_COUNT + self.contacts[which, 2]
-        rims = np.bincount(key, self.length[which], KIND_COUNT * len(self.area))
+    @property
+    def rims(self) -> Values:
+        """Sides of cells of each surface (K + 1, KINDS) by kind."""
+        key = self.contacts[:, 0] * KIND_COUNT + self.contacts[:, 2]
+        rims = np.bincount(key, self.length, KIND_COUNT * len(self.area))
         return np.asarray(rims.reshape(-1, KIND_COUNT), np.float64)
 
 
@@ -117,7 +118,7 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     meets wide terrain level. The widest is terrain, and what it reaches follows until nothing changes.
     """
     surface, beyond, kind = surfaces.contacts.T
-    rims, count = surfaces.rims(np.ones(len(kind), bool)), len(surfaces.area)
+    rims, count = surfaces.rims, len(surfaces.area)
     up = rims[:, UP] + rims[:, UNKNOWN]
     stands = rims[:, DOWN] - rules.up_weight * up - rules.void_weight * rims[:, VOID]
     wide = surfaces.area >= rules.wide_area
@@ -373,7 +374,7 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict) -> tu
 
     The place of each is that of its cell nearest to its centre.
     """
-    everything = surfaces.rims(np.ones(len(surfaces.contacts), bool))
+    everything = surfaces.rims
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
     share = everything[:, DOWN] / np.maximum(stepped, 1.0)
     doubtful = ~verdict.raised & (share > 0.5)
