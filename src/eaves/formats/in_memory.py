@@ -44,7 +44,8 @@ def staying(path: Path, folder: Path | None) -> Iterator[Path]:
     if folder is None:
         yield path
         return
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()[:12]
     copy = folder / GIVEN / f"{path.stem}-{digest}{path.suffix}"
     fresh = not copy.exists()
     copy.parent.mkdir(parents=True, exist_ok=True)
