@@ -25,13 +25,23 @@ from eaves.blocks.ground import (
 from eaves.blocks.thinned import find_thinned
 from eaves.buildings.gather import MARGIN, Gatherer
 from eaves.buildings.join import Seam, join_regions
+from eaves.buildings.owned import (
+    failure_in_place,
+    keep_valid,
+    name_footprint,
+    no_ground,
+    select_roof,
+    with_facts,
+    with_overhangs,
+)
 from eaves.formats.points.las import TIME_PLACE, moments_of
 from eaves.formats.points.source import MISSING
 from eaves.ground.toolkit.wide_objects import Patch
-from eaves.model import GRID_STEP, Block, PointCloud, Regions
+from eaves.model import GRID_STEP, Block, BuildingModel, Failure, Footprint, PointCloud, Regions
 from eaves.model.block import BLOCK_SIDE
 from eaves.model.checks import check_lengths, check_type
 from eaves.model.results import BuildingPoints
+from eaves.raster.surfaces import heights_under
 from eaves.run.store import RECORD
 from eaves.run.world_squares import WIDE_SQUARE, squares_of
 from eaves.surroundings.decks import Decks
@@ -188,6 +198,91 @@ def gather_buildings(scenes: BlockScenes, regions: Regions, recipe: Recipe) -> l
     plans = [plan for owned in join_regions([Seam.read(file)]) for plan in owned.buildings]
     gathered = (gatherer.gather(block, plan) for plan in plans)
     return [building for building in gathered if isinstance(building, BuildingPoints)]
+
+
+def place_footprint(footprint: Footprint | Failure, building: BuildingPoints) -> Footprint | Failure:
+    """The footprint of a building with its place in the world, its id and its score.
+
+    Parameters
+    ----------
+    footprint : Footprint or Failure
+        One of `divide_buildings`.
+    building : BuildingPoints
+        That with the points in it.
+
+    Returns
+    -------
+    Footprint or Failure
+        A Failure `no_ground` where no terrain is known under it; one that is given, with the place of the
+        points.
+
+    Raises
+    ------
+    AttributeError
+        When one is of another type.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> pairs = zip([], [])                              # buildings and footprints of divide_buildings
+    >>> [eaves.place_footprint(footprint, building) for building, footprint in pairs]
+    []
+    """
+    if isinstance(footprint, Failure):
+        return failure_in_place(footprint, building)
+    named = name_footprint(footprint, building)
+    base, _ = heights_under(named, building.terrain, building.ground_nearest)
+    return named if np.isfinite(base) else no_ground(named)
+
+
+def complete_model(
+    outcome: BuildingModel | Failure,
+    footprint: Footprint | Failure,
+    building: BuildingPoints,
+    recipe: Recipe,
+    unit_m: float = 1.0,
+) -> BuildingModel | Failure:
+    """The model of a building as a run leaves it: with its valid levels and all that is known of it.
+
+    Parameters
+    ----------
+    outcome : BuildingModel or Failure
+        What `reconstruct_building` gave.
+    footprint : Footprint or Failure
+        What `place_footprint` gave.
+    building : BuildingPoints
+        One of `divide_buildings`.
+    recipe : Recipe
+        The methods.
+    unit_m : float
+        Unit (m) that models are written in, in which the limits of validators hold:
+        `cloud.system.horizontal_unit_m`.
+
+    Returns
+    -------
+    BuildingModel or Failure
+        The levels that are valid and no finer than the recipe asks for, LoD 2.3 where it does, with the
+        figures from which trust follows: ground beside it, its outline, its party walls.
+
+    Raises
+    ------
+    AttributeError
+        When an argument is of another type.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> failure = eaves.Failure("no_area", "the outline encloses no area", "outline")
+    >>> eaves.complete_model(failure, failure, None, eaves.make_recipe()).code
+    'no_area'
+    """
+    if isinstance(footprint, Failure):
+        return footprint
+    base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
+    finished = with_overhangs(outcome, building.xyz[select_roof(building)], base, building, recipe)
+    if isinstance(finished, BuildingModel):
+        finished = keep_valid(finished, recipe.lod, unit_m)
+    return with_facts(finished, outcome, terrain, footprint, building, recipe)
 
 
 def records_of(cloud: PointCloud) -> NDArray[Any]:

@@ -360,41 +360,6 @@ def select_roof(building: BuildingPoints) -> NDArray[np.int64]:
     return roof[~crown_points(building.xyz[roof], building.roof_not_last)]
 
 
-def place_footprint(footprint: Footprint | Failure, building: BuildingPoints) -> Footprint | Failure:
-    """The footprint of a building with its place in the world, its id and its score.
-
-    Parameters
-    ----------
-    footprint : Footprint or Failure
-        One of `divide_buildings`.
-    building : BuildingPoints
-        That with the points in it.
-
-    Returns
-    -------
-    Footprint or Failure
-        A Failure `no_ground` where no terrain is known under it; one that is given, with the place of the
-        points.
-
-    Raises
-    ------
-    AttributeError
-        When one is of another type.
-
-    Examples
-    --------
-    >>> import eaves
-    >>> pairs = zip([], [])                              # buildings and footprints of divide_buildings
-    >>> [eaves.place_footprint(footprint, building) for building, footprint in pairs]
-    []
-    """
-    if isinstance(footprint, Failure):
-        return failure_in_place(footprint, building)
-    named = name_footprint(footprint, building)
-    base, _ = heights_under(named, building.terrain, building.ground_nearest)
-    return named if np.isfinite(base) else no_ground(named)
-
-
 def failure_in_place(failure: Failure, building: BuildingPoints) -> Failure:
     """The failure of a building that has no outline, with the place of its points."""
     blank = name_footprint(hull_of(building.xyz, building.spacing), building)
@@ -404,56 +369,6 @@ def failure_in_place(failure: Failure, building: BuildingPoints) -> Failure:
 def no_ground(footprint: Footprint) -> Failure:
     """The failure of a building under which no terrain is known."""
     return Failure("no_ground", "no terrain under the footprint", "reconstruct", footprint)
-
-
-def complete_model(
-    outcome: BuildingModel | Failure,
-    footprint: Footprint | Failure,
-    building: BuildingPoints,
-    recipe: Recipe,
-    unit_m: float = 1.0,
-) -> BuildingModel | Failure:
-    """The model of a building as a run leaves it: with its valid levels and all that is known of it.
-
-    Parameters
-    ----------
-    outcome : BuildingModel or Failure
-        What `reconstruct_building` gave.
-    footprint : Footprint or Failure
-        What `place_footprint` gave.
-    building : BuildingPoints
-        One of `divide_buildings`.
-    recipe : Recipe
-        The methods.
-    unit_m : float
-        Unit (m) that models are written in, in which the limits of validators hold:
-        `cloud.system.horizontal_unit_m`.
-
-    Returns
-    -------
-    BuildingModel or Failure
-        The levels that are valid and no finer than the recipe asks for, LoD 2.3 where it does, with the
-        figures from which trust follows: ground beside it, its outline, its party walls.
-
-    Raises
-    ------
-    AttributeError
-        When an argument is of another type.
-
-    Examples
-    --------
-    >>> import eaves
-    >>> failure = eaves.Failure("no_area", "the outline encloses no area", "outline")
-    >>> eaves.complete_model(failure, failure, None, eaves.make_recipe()).code
-    'no_area'
-    """
-    if isinstance(footprint, Failure):
-        return footprint
-    base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
-    finished = with_overhangs(outcome, building.xyz[select_roof(building)], base, building, recipe)
-    if isinstance(finished, BuildingModel):
-        finished = keep_valid(finished, recipe.lod, unit_m)
-    return with_facts(finished, outcome, terrain, footprint, building, recipe)
 
 
 def with_overhangs(
