@@ -1,6 +1,6 @@
 """How good the ground filters are: real samples and simulated towns.
 
-`python -m benchmarks.accuracy.ground [--command] [--left-out] [--towns]`, EAVES_DATA set.
+`python -m benchmarks.accuracy.ground [--command] [--left-out] [--rules] [--towns]`, EAVES_DATA set.
 Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
 
@@ -299,19 +299,22 @@ def judge_command(data: Path) -> None:
     keep("ground-command", "Ground: by the command", rows, f"{COMMAND} --command", note)
 
 
+def error_over_places(sample: Sample, method: GroundMethod) -> float:
+    """Mean total error of a sample at the first places of the command."""
+    shifts = np.random.default_rng(PLACES_SEED).uniform(0.0, 240.0, (LEFT_OUT_PLACES, 2))
+    clouds = (PointCloud.from_world(sample.cloud.world + [*shift, 0.0]) for shift in shifts)
+    return float(np.mean([total_error(sample, classify_ground(cloud, method).ground) for cloud in clouds]))
+
+
 def judge_left_out(data: Path) -> None:
     """Each sample by the set of numbers that the other seven choose, at the first places of the command."""
     samples = {name: read_isprs(data, name) for name in ISPRS}
-    shifts = np.random.default_rng(PLACES_SEED).uniform(0.0, 240.0, (LEFT_OUT_PLACES, 2))
     sets = [dict(zip(LEFT_OUT, values, strict=True)) for values in product(*LEFT_OUT.values())]
     errors = np.empty((len(sets), len(samples)))
     for row, numbers in enumerate(sets):
         method = AdaptiveTin(**numbers)
         for column, sample in enumerate(samples.values()):
-            clouds = [PointCloud.from_world(sample.cloud.world + [*shift, 0.0]) for shift in shifts]
-            errors[row, column] = np.mean(
-                [total_error(sample, classify_ground(cloud, method).ground) for cloud in clouds]
-            )
+            errors[row, column] = error_over_places(sample, method)
     rows: list[dict[str, object]] = []
     for column, name in enumerate(samples):
         chosen = int(np.argmin(np.delete(errors, column, axis=1).mean(axis=1)))
@@ -339,7 +342,6 @@ def judge_rules(data: Path) -> None:
     from benchmarks.accuracy.ground_towns import UNSEEN, draw_all, judge
 
     samples = {name: read_isprs(data, name) for name in ISPRS}
-    shifts = np.random.default_rng(PLACES_SEED).uniform(0.0, 240.0, (LEFT_OUT_PLACES, 2))
     crops = {name: read_las(data / "ahn3_ground" / f"{name}_manually_classified.las") for name in CROPS}
     delft, towns = read_las(data / "delft" / "ahn3.laz"), list(draw_all(UNSEEN))
     rows: list[dict[str, object]] = []
@@ -350,20 +352,7 @@ def judge_rules(data: Path) -> None:
                 if ":" in name:
                     patches.enter_context(patch.object(*target_of(name), value))
             method = AdaptiveTin(**moved)
-            errors = [
-                np.mean(
-                    [
-                        total_error(
-                            sample,
-                            classify_ground(
-                                PointCloud.from_world(sample.cloud.world + [*shift, 0.0]), method
-                            ).ground,
-                        )
-                        for shift in shifts
-                    ]
-                )
-                for sample in samples.values()
-            ]
+            errors = [error_over_places(sample, method) for sample in samples.values()]
             drawn = [judge(town, classify_ground(town.cloud, method)) for town in towns]
             rows.append(
                 {
