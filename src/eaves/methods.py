@@ -137,6 +137,8 @@ class Method(BaseModel):
     needs: ClassVar[tuple[str, ...]] = ()
     """Fields of the points, beside coordinates, returns and classes, that a ground filter or a detector finds
     in `PointCloud.fields`; they are read for it alone."""
+    uses: ClassVar[tuple[str, ...]] = ()
+    """Fields that it does without, and finds there where every file of a scan without pulses has them."""
 
     def __init__(self, **parameters: Any) -> None:
         try:

@@ -105,6 +105,11 @@ class ScanFacts:
     memory_mb: int
 
     @property
+    def of_images(self) -> bool:
+        """True if nothing in the records is of pulses, as of points matched in images."""
+        return self.returns in (NO_RETURNS, SINGLE) and not self.pulses
+
+    @property
     def whole(self) -> bool:
         """True if all points were looked at."""
         return self.looked_at == self.points
@@ -114,7 +119,7 @@ class ScanFacts:
         shape = "crowns and roofs are separated by shape alone"
         checks = [
             (
-                self.returns in (NO_RETURNS, SINGLE) and not self.pulses,
+                self.of_images,
                 "no pulses (no returns, times, angles or strips), as from image matching: ground under trees "
                 f"is not seen, and {shape}",
             ),

@@ -49,6 +49,7 @@ from eaves.formats.inputs import list_inputs
 from eaves.formats.points.converted import remarks_on
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
+from eaves.formats.points.source import has_fields
 from eaves.methods import DEFAULTS, MethodChoice
 from eaves.model import BLOCK_SIDE, OVERHANGS, Block, Bounds, CoordinateSystem, Failure, Footprint, Provenance
 from eaves.raster.surfaces import is_large
@@ -186,6 +187,14 @@ class Run:
     def facts(self) -> ScanFacts:
         """Facts of the scan, by a sample of its points."""
         return scan_facts(self.index)
+
+    @cached_property
+    def fields(self) -> tuple[str, ...]:
+        """The fields of points that are read for the methods, beside coordinates, returns and classes."""
+        needs, uses, index = self.recipe.needs, self.recipe.uses, self.index
+        known = bool(uses) and self.facts.of_images
+        known = known and all(has_fields(index.source(number), uses) for number in range(len(index)))
+        return tuple(sorted({*needs, *uses})) if known else needs
 
     @property
     def planned(self) -> set[str]:

@@ -110,6 +110,11 @@ class Recipe:
         return tuple(sorted({*self.ground.needs, *detected}))
 
     @property
+    def uses(self) -> tuple[str, ...]:
+        """The fields that the methods use of a scan without pulses."""
+        return self.detect.uses if self.detect else ()
+
+    @property
     def sees_wide(self) -> bool:
         """True if points beyond a block's buffer are looked at to find wider objects."""
         return self.ground.wide_buffer > 0.0 and not self.use_classes

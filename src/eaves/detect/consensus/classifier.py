@@ -235,11 +235,13 @@ def nothing() -> Separation:
     return Separation(0.0, 0.0, 1.0, 0.0)
 
 
-def separate(value: Values, roof: Values) -> Separation:
+def separate(value: Values, roof: Values, terrain: tuple[float, float] | None = None) -> Separation:
     """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
 
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
-    a scan is no witness there. The cells of a window share its points and are one observation.
+    a scan is no witness there. The cells of a window share its points and are one observation. Where
+    colours stand for echoes, `terrain` (mean, variance) is what is no roof as much as crowns are: what rises
+    and has the colours of the terrain around is a part of it.
     """
     crown = 1.0 - roof
     weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
@@ -248,7 +250,12 @@ def separate(value: Values, roof: Values) -> Separation:
     on_roofs = float((roof * value).sum()) / weight_roof
     on_crowns = float((crown * value).sum()) / weight_crown
     scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof
-    scatter += float((crown * (value - on_crowns) ** 2).sum()) / weight_crown
+    around = float((crown * (value - on_crowns) ** 2).sum()) / weight_crown
+    if terrain is not None:
+        mean, variance = terrain
+        around = (around + variance) / 2 + (mean - on_crowns) ** 2 / 4
+        on_crowns = (on_crowns + mean) / 2
+    scatter += around
     spread = max(1e-3, float(np.sqrt(scatter / 2)))
     distance = on_crowns - on_roofs
     if distance <= 0.0:
@@ -349,6 +356,7 @@ def measured_terms(
     inner = evidence.inner_share[cells], evidence.inner_penetration[cells]
     values = [measure[seen] for measure in (several, through, *inner)]
     of_seen, large_seen, number = of_cells[seen], large[cells][seen], number[seen]
+    natural = evidence.terrain, None, evidence.terrain, None
     echoes = penetration = inner_echoes = inner_penetration = nothing()
     for rounds_left in range(limits.rounds, -1, -1):
         told = Told(segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration, most)
@@ -358,7 +366,9 @@ def measured_terms(
         of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][number]
         of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
         likely = 1.0 / (1.0 + np.exp(-np.where(large_seen, of_surface, of_cell)))
-        echoes, penetration, inner_echoes, inner_penetration = (separate(value, likely) for value in values)
+        echoes, penetration, inner_echoes, inner_penetration = (
+            separate(value, likely, known) for value, known in zip(values, natural, strict=True)
+        )
     return Terms(surface, cells, of_cells, Told(several, through, echoes, penetration, most), large)
 
 

@@ -20,7 +20,7 @@ from eaves.detect.consensus.classifier import (
     surface_odds,
 )
 from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
-from eaves.detect.consensus.evidence import Evidence, gather_evidence
+from eaves.detect.consensus.evidence import COLOURS, Evidence, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments
@@ -100,6 +100,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         "planes, echoes, penetration, size and height judged together; borders by a graph cut"
     )
     paper: ClassVar[str] = "chen_sun_vaihingen"
+    uses: ClassVar[tuple[str, ...]] = COLOURS
 
     cell: float | None = parameter(
         None,
