@@ -105,7 +105,7 @@ RANGES: dict[ImageKind, dict[str, tuple[float, float]]] = {
         "density": (5.0, 20.0),
         "blur": (0.3, 0.6),
         "ripple": (0.2, 0.2),
-        "roof_ripple": (0.4, 0.5),
+        "roof_ripple": (0.55, 0.68),
         "crown_ripple": (0.4, 0.6),
     },
     "good": {"density": (20.0, 60.0), **_CLEAR},

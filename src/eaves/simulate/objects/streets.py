@@ -25,10 +25,10 @@ from eaves.simulate.objects.houses import (
 STREET = 11.0
 """Width of a street with its pavements (m)."""
 
-SMALL_BLOCKS = ("detached", "rows", "town houses", "park")
+SMALL_BLOCKS = ("detached", "rows", "town houses", "park", "scrub")
 """Blocks of many small buildings, which may be cut by the rim of the town."""
 
-TownStyle = Literal["mixed", "suburb", "centre"]
+TownStyle = Literal["mixed", "suburb", "centre", "village"]
 
 BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
     "mixed": {
@@ -52,6 +52,7 @@ BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
         "tower": 0.02,
         "park": 0.05,
     },
+    "village": {"detached": 0.35, "yard": 0.45, "scrub": 0.20},
 }
 """Shares of the kinds of blocks in a town, by style."""
 
@@ -62,6 +63,7 @@ BLOCK_DEPTH: dict[TownStyle, tuple[float, float]] = {
     "mixed": (38.0, 54.0),
     "suburb": (38.0, 54.0),
     "centre": (32.0, 46.0),
+    "village": (38.0, 54.0),
 }
 """Depth of a block between two streets (m)."""
 
@@ -106,6 +108,7 @@ class Plot:
     hedges: list[Segment] = field(default_factory=list)
     fences: list[Segment] = field(default_factory=list)
     cars: list[tuple[float, float, float]] = field(default_factory=list)
+    lorries: list[tuple[float, float, float]] = field(default_factory=list)
 
     def at(self, u: float, v: float) -> Values:
         """The town coordinates of a place in the block's own."""
@@ -184,6 +187,8 @@ def draw_block(plot: Plot, style: TownStyle, uncut: bool, built: bool, rng: np.r
         "town houses": _town_houses,
         "slabs": _slabs,
         "hall": _hall,
+        "yard": _yard,
+        "scrub": _scrub,
         "church": _church,
         "tower": _tower,
         "park": _park,
@@ -302,6 +307,23 @@ def _hall(plot: Plot, rng: np.random.Generator) -> None:
     for u in np.arange(-plot.length / 2 + 4.0, plot.length / 2 - 4.0, 3.0):
         if rng.random() < 0.5:
             plot.park(float(u), -plot.depth / 2 + 3.5, np.pi / 2)
+
+
+def _yard(plot: Plot, rng: np.random.Generator) -> None:
+    """A hall, and buses, lorries and containers beside it."""
+    _hall(plot, rng)
+    for u in np.arange(-plot.length / 2 + 8.0, plot.length / 2 - 6.0, 14.0):
+        if rng.random() < 0.6:
+            x, y = plot.at(float(u), plot.depth / 2 - 2.5)
+            plot.lorries.append((float(x), float(y), plot.angle))
+
+
+def _scrub(plot: Plot, rng: np.random.Generator) -> None:
+    """Thickets of shrubs, some of the size of a house, and few trees."""
+    for middle in plot.scatter(12, rng):
+        wide = rng.uniform(1.0, 3.5)
+        plot.shrubs.extend(middle + rng.normal(0.0, wide, (int(4 * wide**2), 2)))
+    plot.trees.extend(plot.scatter(6, rng))
 
 
 def _church(plot: Plot, rng: np.random.Generator) -> None:
