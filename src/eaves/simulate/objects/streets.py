@@ -11,6 +11,7 @@ import numpy as np
 from eaves.model import Bounds, Values
 from eaves.simulate.objects.houses import (
     Design,
+    draw_angled_hall,
     draw_church,
     draw_detached,
     draw_garden_shed,
@@ -25,8 +26,8 @@ from eaves.simulate.objects.houses import (
 STREET = 11.0
 """Width of a street with its pavements (m)."""
 
-SMALL_BLOCKS = ("detached", "rows", "town houses", "park", "scrub")
-"""Blocks of many small buildings, which may be cut by the rim of the town."""
+SMALL_BLOCKS = ("detached", "rows", "town houses", "park", "yard", "scrub")
+"""Blocks that may be cut by the rim of the town: of small buildings, or of one that may be left out."""
 
 TownStyle = Literal["mixed", "suburb", "centre", "village"]
 
@@ -52,7 +53,7 @@ BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
         "tower": 0.02,
         "park": 0.05,
     },
-    "village": {"detached": 0.35, "yard": 0.45, "scrub": 0.20},
+    "village": {"detached": 0.55, "yard": 0.28, "scrub": 0.17},
 }
 """Shares of the kinds of blocks in a town, by style."""
 
@@ -310,8 +311,10 @@ def _hall(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _yard(plot: Plot, rng: np.random.Generator) -> None:
-    """A hall, and buses, lorries and containers beside it."""
-    _hall(plot, rng)
+    """A hall, on two of five an angle, and buses, lorries and containers beside it."""
+    length, width = rng.uniform(0.5, 0.75) * plot.length, rng.uniform(0.5, 0.75) * plot.depth
+    draw = draw_angled_hall if rng.random() < 0.4 else draw_hall
+    plot.put(draw(length, width, rng), 0.0, 0.0)
     for u in np.arange(-plot.length / 2 + 8.0, plot.length / 2 - 6.0, 14.0):
         if rng.random() < 0.6:
             x, y = plot.at(float(u), plot.depth / 2 - 2.5)
