@@ -1,8 +1,8 @@
 """Buildings in drawn clouds of images, by the command: smooth, rough, good and with holes.
 
-`python -m benchmarks.accuracy.image_towns [--scored | --seeds N...] [--kinds KIND...]`. Numbers may be chosen on
-the seeds that are drawn by default; those of `--scored` had no say. A roof over 30 m² is found when one outline
-covers half of it; an outline over 30 m² is right when half of it lies on roofs.
+`python -m benchmarks.accuracy.image_towns [--scored | --seeds N...] [--kinds KIND...]`. Numbers may be chosen
+on the seeds that are drawn by default; those of `--scored` had no say. A roof over 30 m² is found when one
+outline covers half of it; an outline over 30 m² is right when half of it lies on roofs.
 """
 
 from __future__ import annotations
@@ -97,9 +97,7 @@ def main() -> None:
     seeds.add_argument("--seeds", type=int, nargs="+", default=CHOSEN)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     wanted = parser.parse_args()
-    rows = [
-        row for kind in wanted.kinds for row in rows_of(kind, SCORED if wanted.scored else wanted.seeds)
-    ]
+    rows = [row for kind in wanted.kinds for row in rows_of(kind, SCORED if wanted.scored else wanted.seeds)]
     name = f"image-towns{'-scored' * wanted.scored}"
     keep(name, "Drawn clouds of images", rows, " ".join([COMMAND, *sys.argv[1:]]))
 

@@ -31,9 +31,9 @@ def write_simulation(
 ) -> dict[str, Path]:
     """Write a scene to a folder. The same scene gives the same bytes.
 
-    points.laz: LAS 1.4, format 6, 7 with colours or 8 with near infrared, too; the class of a point is its
-    true one, and
-    the extra dimensions `building_id` and `plane_id` are the numbers of its building and roof face (0: none).
+    points.laz: LAS 1.4, format 6, with colours 7, with near infrared 8; the class of a point is its true
+    one, and the extra dimensions `building_id` and `plane_id` are the numbers of its building and roof face
+    (0: none).
     reference.city.json: the true models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`.
     simulation.json: the settings, and counts.
 

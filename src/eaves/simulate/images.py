@@ -15,6 +15,7 @@ from eaves.model import (
     UNCLASSIFIED,
     WIRE,
     Bounds,
+    Integers,
     Labels,
     Mask,
     PointCloud,
@@ -154,13 +155,14 @@ def match_images(town: Town, matching: Matching | ImageKind = "good", seed: int 
     exact, label = _seen_from_above(solids, crowns, xy)
     lattice = _Lattice(town.bounds, min(max(matching.blur / 2, FINEST), COARSEST))
     sharp, there = _seen_from_above(solids, crowns, lattice.middles())
-    surface, roofs = lattice.raster(sharp), lattice.raster(there[:, 0] == BUILDING)
+    surface = sharp.reshape(lattice.shape)
+    roofs, leaves = (mask.reshape(lattice.shape) for mask in (there[:, 0] == BUILDING, _is_crown(there)))
     light = lattice.at(sunlight(surface, lattice.cell, rng), xy)
     rim = lattice.at(_rim_distance(roofs, lattice.cell), xy)
     filled = np.zeros(len(xy), bool)
     z = exact
     if matching.melted > 0:
-        surface, gap = _melt(surface, roofs, lattice.raster(_is_crown(there)), matching.melted / lattice.cell)
+        surface, gap = _melt(surface, roofs, leaves, matching.melted / lattice.cell)
         filled = (lattice.at(gap.astype(float), xy) > 0.5) & (label[:, 0] != BUILDING)
         z = np.where(filled, lattice.at(surface, xy), z)
         label[filled] = UNCLASSIFIED, 0, 0
@@ -180,7 +182,9 @@ def match_images(town: Town, matching: Matching | ImageKind = "good", seed: int 
 def _draw_matching(kind: ImageKind, seed: int) -> Matching:
     """One set of parameters from the ranges of a kind."""
     if kind not in RANGES:
-        raise ValueError(f"matching must be a Matching or one of {', '.join(get_args(ImageKind))}, not {kind}")
+        raise ValueError(
+            f"matching must be a Matching or one of {', '.join(get_args(ImageKind))}, not {kind}"
+        )
     rng = np.random.default_rng([seed, 42])
     return replace(Matching(), **{name: rng.uniform(*ends) for name, ends in RANGES[kind].items()})
 
@@ -189,7 +193,9 @@ def _solids_of(town: Town) -> RayGrid:
     """What of a town is matched, without its leaves: no wire is."""
     every = ScannedSurfaces.join([*map(building_surfaces, town.buildings), town.furniture])
     seen = np.flatnonzero(every.truth_class != WIRE)
-    kept = ScannedSurfaces(every.corners[seen], every.truth_class[seen], every.building[seen], every.plane[seen])
+    kept = ScannedSurfaces(
+        every.corners[seen], every.truth_class[seen], every.building[seen], every.plane[seen]
+    )
     return index_town(town.terrain, kept, Foliage.none())
 
 
@@ -218,10 +224,6 @@ class _Lattice:
         corner = self.bounds.west, self.bounds.south
         return np.asarray((np.indices(self.shape).reshape(2, -1).T + 0.5) * self.cell + corner)
 
-    def raster(self, values: Values | Mask) -> Values:
-        """Values (I·J,) of the middles as a raster."""
-        return values.reshape(self.shape)
-
     def at(self, raster: Values, xy: Values) -> Values:
         """Values (N,) at places (N, 2), bilinear between the middles."""
         place = (xy - (self.bounds.west, self.bounds.south)) / self.cell - 0.5
@@ -236,13 +238,12 @@ def _seen_from_above(solids: RayGrid, crowns: RayGrid, xy: Values) -> tuple[Valu
     z, label = top - ranges[:, 0], solids.labels[row[:, 0]]
     point, leaf, crown = _crowns_over(crowns, xy)
     higher = crown > z[point]
-    point, leaf, crown = (column[higher] for column in (point, leaf, crown))
-    order = np.argsort(crown, kind="stable")
+    order = np.flatnonzero(higher)[np.argsort(crown[higher], kind="stable")]  # of several, the highest stays
     z[point[order]], label[point[order]] = crown[order], crowns.labels[crowns.leaf_label[leaf[order]]]
     return z, label
 
 
-def _crowns_over(grid: RayGrid, xy: Values) -> tuple[Labels, Labels, Values]:
+def _crowns_over(grid: RayGrid, xy: Values) -> tuple[Integers, Labels, Values]:
     """Each place under a body of leaves, the number of the body, and the height (m) of its top there."""
     terrain = grid.terrain
     i, j = np.floor((xy - (terrain.west, terrain.south)) / terrain.cell).astype(np.int64).T
@@ -270,7 +271,7 @@ def _is_crown(label: Labels) -> Mask:
 def _rim_distance(roofs: Mask, cell: float) -> Values:
     """Distances (I, J) from the edge of the roofs (m), below 0 on them."""
     if not roofs.any():
-        return np.full(roofs.shape, np.inf)
+        return np.full(roofs.shape, roofs.size * cell)
     outside, inside = (ndimage.distance_transform_edt(mask) for mask in (~roofs, roofs))
     return np.asarray((outside - inside) * cell)
 
@@ -288,7 +289,7 @@ def _melt(surface: Values, roofs: Mask, crowns: Mask, widest: float) -> tuple[Va
 
 
 def _is_hidden(rim: Values, hidden: float, share: Values) -> Mask:
-    """Mask (N,) of the points that no two images show: beside walls, and where `share` is large on the rim."""
+    """Mask (N,) of the points that no image shows: beside walls, and on the rim where `share` is large."""
     return np.asarray(np.where(rim > 0, rim < hidden * (1.0 + 0.5 * share), -rim < hidden * (share - 1.0)))
 
 

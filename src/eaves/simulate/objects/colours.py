@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-
 from scipy import ndimage
 
 from eaves.model import (
@@ -106,10 +105,17 @@ COVERED = (0.25, 0.45, 0.80)
 """Shares of the ground up to which it is asphalt, soil and grass; the rest is crops."""
 DRY, CROWN, POND, WALL = (
     np.array(values)
-    for values in ((0.52, 0.48, 0.32), (0.15, 0.23, 0.11, 0.25), (0.13, 0.18, 0.18, 0.05), (0.64, 0.59, 0.52, 0.06))
+    for values in (
+        (0.52, 0.48, 0.32),
+        (0.15, 0.23, 0.11, 0.25),
+        (0.13, 0.18, 0.18, 0.05),
+        (0.64, 0.59, 0.52, 0.06),
+    )
 )
 """Of grass without rain, which a town's grass and crops resemble more or less; of leaves, water and walls."""
-PAINTS = np.array([(0.85, 0.85, 0.85), (0.10, 0.10, 0.11), (0.55, 0.56, 0.58), (0.60, 0.12, 0.10), (0.15, 0.25, 0.50)])
+PAINTS = np.array(
+    [(0.85, 0.85, 0.85), (0.10, 0.10, 0.11), (0.55, 0.56, 0.58), (0.60, 0.12, 0.10), (0.15, 0.25, 0.50)]
+)
 """Of vehicles, which differ from one square of `PARKING` metres to the next."""
 PARKING = 6.0
 DIFFUSE, LONGEST_SHADOW, BALANCE = 0.4, 25.0, 0.06
@@ -118,7 +124,7 @@ camera's white balance."""
 
 
 def sunlight(heights: Values, cell: float, rng: np.random.Generator) -> Values:
-    """Light (I, J), 1 on level ground, on heights (m) of squares of side `cell` under a sun 35 to 65° high."""
+    """Light (I, J), 1 on level ground, on heights (m) of squares of side `cell`, the sun 35 to 65° high."""
     turn, climb = rng.uniform(0.0, 2 * np.pi), np.tan(np.radians(rng.uniform(35.0, 65.0)))
     sun = np.array([np.cos(turn), np.sin(turn)])
     along, across = np.gradient(heights, cell)
@@ -130,7 +136,13 @@ def sunlight(heights: Values, cell: float, rng: np.random.Generator) -> Values:
 
 
 def photographed(
-    label: Labels, xy: Values, cover: Values, on_wall: Mask, filled: Mask, light: Values, rng: np.random.Generator
+    label: Labels,
+    xy: Values,
+    cover: Values,
+    on_wall: Mask,
+    filled: Mask,
+    light: Values,
+    rng: np.random.Generator,
 ) -> Values:
     """Red, green and blue (N, 3), whole numbers up to 65535 as eight bits give them, of points in pictures.
 

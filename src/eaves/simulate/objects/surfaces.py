@@ -108,9 +108,9 @@ class Corridor:
 def make_terrain(kind: TerrainKind, bounds: Bounds, rng: np.random.Generator) -> Terrain:
     """Terrain over `bounds` (m) and a margin.
 
-    flat: swells of 0.15 m. slope: 4 to 9 % in any direction; steep: 9 to 20 %. hilly: swells of 3 to 8 m in 150 to 350 m.
-    terraced: a slope of 7 to 12 % in steps of 1.5 to 3 m with retaining walls one lattice square wide. On
-    all of them 2 cm of unevenness.
+    flat: swells of 0.15 m. slope: 4 to 9 % in any direction; steep: 9 to 20 %. hilly: swells of 3 to
+    8 m in 150 to 350 m. terraced: a slope of 7 to 12 % in steps of 1.5 to 3 m with retaining walls one
+    lattice square wide. On all of them 2 cm of unevenness.
     """
     blank = Terrain.blank(bounds)
     xy = blank.nodes()
