@@ -97,9 +97,11 @@ def main() -> None:
     seeds.add_argument("--seeds", type=int, nargs="+", default=CHOSEN)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     wanted = parser.parse_args()
-    rows = [row for kind in wanted.kinds for row in rows_of(kind, SCORED if wanted.scored else wanted.seeds)]
     name = f"image-towns{'-scored' * wanted.scored}"
-    keep(name, "Drawn clouds of images", rows, " ".join([COMMAND, *sys.argv[1:]]))
+    rows: list[dict[str, object]] = []
+    for kind in wanted.kinds:  # kept as it grows: a kind takes minutes
+        rows += rows_of(kind, SCORED if wanted.scored else wanted.seeds)
+        keep(name, "Drawn clouds of images", rows, " ".join([COMMAND, *sys.argv[1:]]))
 
 
 if __name__ == "__main__":
