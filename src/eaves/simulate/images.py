@@ -41,8 +41,8 @@ ANY_ECHO = Receiver(dead_zone=0.1, threshold=0.0)
 LIFTED = 0.5
 """Where blur lifts the ground beside a building by more than this (m), the picture shows its wall."""
 
-COVER_LENGTH = 15.0
-"""Length (m) over which the ground has one cover."""
+COVER_LENGTH, HIDDEN_LENGTH = 15.0, 3.0
+"""Lengths (m) over which the ground has one cover, and the strip without points one width."""
 
 
 @dataclass(frozen=True)
@@ -169,13 +169,10 @@ def match_images(town: Town, matching: Matching | ImageKind = "good", seed: int 
     if matching.blur > 0:
         z = lattice.at(ndimage.gaussian_filter(surface, matching.blur / lattice.cell, mode="nearest"), xy)
     on_wall = (label[:, 0] != BUILDING) & (z - exact > LIFTED) & (rim < 2 * matching.blur) & ~filled
-    amplitude = np.where(label[:, 0] == BUILDING, matching.roof_ripple, matching.ripple)
-    amplitude = np.where(_is_crown(label), matching.crown_ripple, amplitude)
-    z = z + amplitude * _shared(town.bounds, xy, matching.ripple_length, rng)
-    z = z + rng.normal(0.0, matching.noise, len(z))
+    z = z + _errors(town.bounds, xy, label, matching, rng)
     cover = _shared(town.bounds, xy, COVER_LENGTH, rng)
     colours = photographed(label, xy, cover, on_wall, filled, light, rng)
-    shown = filled | ~_is_hidden(rim, matching.hidden, _shared(town.bounds, xy, 3.0, rng))
+    shown = filled | ~_is_hidden(rim, matching.hidden, _shared(town.bounds, xy, HIDDEN_LENGTH, rng))
     return _scene_of(town, np.column_stack([xy, z])[shown], label[shown], colours[shown])
 
 
@@ -291,6 +288,16 @@ def _melt(surface: Values, roofs: Mask, crowns: Mask, widest: float) -> tuple[Va
 def _is_hidden(rim: Values, hidden: float, share: Values) -> Mask:
     """Mask (N,) of the points that no image shows: beside walls, and on the rim where `share` is large."""
     return np.asarray(np.where(rim > 0, rim < hidden * (1.0 + 0.5 * share), -rim < hidden * (share - 1.0)))
+
+
+def _errors(
+    bounds: Bounds, xy: Values, label: Labels, matching: Matching, rng: np.random.Generator
+) -> Values:
+    """Errors of the heights (N,) at places (N, 2) with labels (N, 3)."""
+    of_solid = np.where(label[:, 0] == BUILDING, matching.roof_ripple, matching.ripple)
+    amplitude = np.where(_is_crown(label), matching.crown_ripple, of_solid)
+    shared = amplitude * _shared(bounds, xy, matching.ripple_length, rng)
+    return np.asarray(shared + rng.normal(0.0, matching.noise, len(xy)))
 
 
 def _shared(bounds: Bounds, xy: Values, length: float, rng: np.random.Generator) -> Values:
