@@ -14,6 +14,7 @@ from eaves.formats.crs import name_units
 from eaves.formats.points.sample import Sample, read_sample
 from eaves.geometry.percentiles import group_percentiles
 from eaves.model import LOCAL_METRES, Points
+from eaves.raster.blur import WIDTH, measure_blur, measure_roughness
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 
@@ -37,6 +38,8 @@ PIECE_AREA, PIECES_APART = 2_000.0, 3
 START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
 """Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
 adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
+BLUR_STEP = 0.05
+"""The blur is stated in steps of so much (m)."""
 NO_RETURNS, SINGLE, LAST, FIRST, SPLIT = "none", "single", "last only", "first only", "all"
 
 
@@ -76,6 +79,12 @@ class ScanFacts:
         Share of the cells whose floor is at 0.
     pieces : int
         Parts of the area that do not touch; half the area is in those of at most `piece_m2`.
+    roughness : float or None
+        Lower quartile of the RMSE (m) of points across the planes of squares of 3 m; None where too few are there.
+    blur : float
+        Standard deviation (m) by which walls are smoothed in a scan without pulses; 0 where they are sharp.
+    colours : bool
+        True if the points have colours.
     cpu_s, memory_mb : float, int
         Processor time (s) of a build with all outputs; memory (MB) of each process.
     """
@@ -103,11 +112,19 @@ class ScanFacts:
     piece_m2: float | None
     cpu_s: float
     memory_mb: int
+    roughness: float | None
+    blur: float
+    colours: bool
 
     @property
     def of_images(self) -> bool:
         """True if nothing in the records is of pulses, as of points matched in images."""
-        return self.returns in (NO_RETURNS, SINGLE) and not self.pulses
+        return of_images(self.returns, self.pulses)
+
+    @property
+    def rough(self) -> float:
+        """Roughness (m) beyond that of laser scans, of a scan that may be of images."""
+        return max(0.0, (self.roughness or 0.0) - SMOOTH_M) if self.of_images else 0.0
 
     @property
     def whole(self) -> bool:
@@ -122,6 +139,17 @@ class ScanFacts:
                 self.of_images,
                 "no pulses (no returns, times, angles or strips), as from image matching: ground under trees "
                 f"is not seen, and {shape}",
+            ),
+            (
+                self.blur > 0,
+                f"walls are smoothed over {WIDTH * self.blur:.1f} m (normal distribution of {self.blur:.2f} m): "
+                "heights are sharpened for all that follows, and houses narrower than "
+                f"{2 * WIDTH * self.blur:.0f} m lose height or are lost",
+            ),
+            (
+                self.rough > 0.0,
+                f"flat places are rough by {self.roughness or 0:.2f} m, more than {SMOOTH_M} m: surfaces within "
+                f"{ROUGH_GAIN * self.rough:.2f} m more of a plane are taken for flat, and crowns may be taken for roofs",
             ),
             (self.returns == NO_RETURNS and self.pulses, f"no return numbers: {shape}"),
             (self.returns == SINGLE and self.pulses, f"0 % of pulses split: {shape}"),
@@ -184,6 +212,9 @@ class ScanFacts:
             "spacing": f"{self.spacing:.2f} m",
             "returns": self.returns,
             "split pulses": f"{self.split_share:.1%}",
+            "roughness": "not measured" if self.roughness is None else f"{self.roughness:.3f} m",
+            "walls": f"smoothed by {self.blur:.2f} m" if self.blur else "not smoothed",
+            "colours": "yes" if self.colours else "no",
             "intensity": "yes" if self.intensity else "no",
             "classes": classes or "none",
             "strips": f"{self.strips}",
@@ -216,7 +247,11 @@ def scan_facts(index: Index) -> ScanFacts:
     area: float = ((east - west) * (north - south)).sum()
     void = pieces = piece = None
     below, deepest, at_zero, roofs = 0, 0.0, 0.0, 0.0
+    returns, rough, blur = _kind_of_returns(sample), None, 0.0
     if len(sample.xyz):
+        rough = _rounded(measure_roughness(sample.xyz))
+        if of_images(returns, sample.pulses):
+            blur = round(measure_blur(sample.xyz) / BLUR_STEP) * BLUR_STEP
         cover = _cover(sample.xyz)
         below, deepest, at_zero, roofs = _heights(sample.xyz, cover[0])
         if complete:
@@ -234,7 +269,7 @@ def scan_facts(index: Index) -> ScanFacts:
         reference=index.reference,
         density=round(density, 3),
         spacing=round(density**-0.5, 3) if density else 0.0,
-        returns=_kind_of_returns(sample),
+        returns=returns,
         split_share=round(split, 4),
         intensity=sample.intensity,
         pulses=sample.pulses,
@@ -249,7 +284,20 @@ def scan_facts(index: Index) -> ScanFacts:
         piece_m2=piece,
         cpu_s=round(START_S + index.points * (POINT_S + roofs * ROOF_POINT_S), 1),
         memory_mb=round((1.0 + density / DENSE) * LEAST / 2e6),
+        roughness=rough,
+        blur=blur,
+        colours=sample.colours,
     )
+
+
+def of_images(returns: str, pulses: bool) -> bool:
+    """True if records with such returns, with times, angles or strips (`pulses`), may be of images."""
+    return returns in (NO_RETURNS, SINGLE) and not pulses
+
+
+def _rounded(value: float) -> float | None:
+    """A value to millimetres; None for NaN."""
+    return None if np.isnan(value) else round(value, 3)
 
 
 def _kind_of_returns(sample: Sample) -> str:
@@ -283,7 +331,7 @@ def _take_sample(index: Index) -> Sample:
             continue
     if not parts:
         none = np.zeros(0, np.uint8)
-        return Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, 0)
+        return Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, False, 0)
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("xyz", "number", "of", "classes", "strip")
@@ -292,6 +340,7 @@ def _take_sample(index: Index) -> Sample:
         **joined,
         intensity=any(part.intensity for part in parts),
         pulses=any(part.pulses for part in parts),
+        colours=any(part.colours for part in parts),
         read=sum(part.read for part in parts),
     )
 

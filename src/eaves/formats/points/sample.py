@@ -19,6 +19,8 @@ FLOWN = {
     for number in range(11)
 }
 """Bytes of the angle and the time of a point by format."""
+COLOURS_AT = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
+"""First byte of the three colours by format."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class Sample:
     strip: NDArray[np.uint16]
     intensity: bool
     pulses: bool
+    colours: bool
     read: int
 
 
@@ -43,7 +46,7 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
         for chunk in iter_chunks(source, chunk_points=size):
             none = np.zeros(len(chunk), np.uint8)
             classes = none if chunk.classification is None else chunk.classification
-            yield Sample(chunk.xyz, none, none, classes, none.astype(np.uint16), False, False, len(chunk))
+            yield Sample(chunk.xyz, none, none, classes, none.astype(np.uint16), False, False, False, len(chunk))
             left -= len(chunk)
             if left <= 0:
                 return
@@ -57,4 +60,6 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
         strip = np.ascontiguousarray(records[use, byte : byte + 2]).view("<u2")[:, 0]
         pulses = records[:, FLOWN[header.point_format]].any() or len(np.unique(strip)) > 1
         intensity = bool(records[:, 12:14].any())
-        yield Sample(xyz[use], number, of, classes, strip, intensity, bool(pulses), len(records))
+        at = COLOURS_AT.get(header.point_format)
+        colours = at is not None and bool(records[:, at : at + 6].any())
+        yield Sample(xyz[use], number, of, classes, strip, intensity, bool(pulses), colours, len(records))
