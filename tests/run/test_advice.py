@@ -152,6 +152,24 @@ def test_info_and_dry_run_write_nothing(scan: Path, tmp_path: Path) -> None:
     assert dry.exit_code == 0 and "split pulses" in dry.stdout and not out.exists()
 
 
+@pytest.mark.parametrize("word", ["EPSG:25831", "EPSG:2263", "none"])
+def test_info_shows_the_system_that_a_build_would_use__to_crs(scan: Path, tmp_path: Path, word: str) -> None:
+    runner, out = CliRunner(), tmp_path / "out"
+    words = ["--crs", "EPSG:28992", "--to-crs", word, "--quiet"]
+    told = runner.invoke(make_app(), ["info", str(scan), *words])
+    dry = runner.invoke(make_app(), ["build", str(scan), "-o", str(out), "--dry-run", *words])
+    assert told.exit_code == dry.exit_code == 0
+    shown, planned = (
+        [
+            line
+            for line in one.stdout.splitlines()
+            if line.startswith(("system", "plane", "heights", "density"))
+        ]
+        for one in (told, dry)
+    )
+    assert shown == planned and ("EPSG:28992" if word == "none" else word) in shown[0]
+
+
 def test_a_remark_is_logged_once_and_ends_the_summary(
     scan: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
