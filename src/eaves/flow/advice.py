@@ -11,7 +11,9 @@ from scipy import ndimage
 
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
+from eaves.formats.points.plausible import STRETCHED
 from eaves.formats.points.sample import Sample, read_sample
+from eaves.formats.statements import UNSTATED
 from eaves.geometry.percentiles import group_percentiles
 from eaves.model import LOCAL_METRES, Points
 from eaves.run.index import Index
@@ -76,6 +78,8 @@ class ScanFacts:
         Share of the cells whose floor is at 0.
     pieces : int
         Parts of the area that do not touch; half the area is in those of at most `piece_m2`.
+    height_ratio : float or None
+        How many times as far apart in height the echoes of a pulse lie as its angle lets them (median).
     cpu_s, memory_mb : float, int
         Processor time (s) of a build with all outputs; memory (MB) of each process.
     """
@@ -101,6 +105,7 @@ class ScanFacts:
     at_zero: float
     pieces: int | None
     piece_m2: float | None
+    height_ratio: float | None
     cpu_s: float
     memory_mb: int
 
@@ -108,6 +113,18 @@ class ScanFacts:
     def whole(self) -> bool:
         """True if all points were looked at."""
         return self.looked_at == self.points
+
+    @property
+    def likely_feet(self) -> str | None:
+        """The line on heights whose unit nobody states, where the echoes of pulses say that it is another one
+        than it was taken for."""
+        if UNSTATED not in self.reference["heights"] or (self.height_ratio or 0.0) < STRETCHED:
+            return None
+        return (
+            f"heights: nobody states their unit, and they are likely feet: echoes of a pulse lie "
+            f"{self.height_ratio:.1f} times as far apart in height as its angle lets them; if they are, pass "
+            "a system that says so, as --crs 26918+6360, of the plane and of heights in feet"
+        )
 
     def remarks(self) -> list[str]:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
@@ -135,6 +152,7 @@ class ScanFacts:
                 f"{self.below:,} points more than {CELL:g} m below the ground, down to {self.deepest:.0f} m: "
                 "noise, which the ground filter leaves out",
             ),
+            (self.likely_feet is not None, str(self.likely_feet)),
             (not self.intensity, "no intensities: no method needs them"),
             (
                 self.strips == 1 and self.pulses,
@@ -242,6 +260,7 @@ def scan_facts(index: Index) -> ScanFacts:
         at_zero=at_zero,
         pieces=pieces,
         piece_m2=piece,
+        height_ratio=round(float(np.median(sample.ratios)), 2) if len(sample.ratios) >= FEWEST else None,
         cpu_s=round(START_S + index.points * (POINT_S + roofs * ROOF_POINT_S), 1),
         memory_mb=round((1.0 + density / DENSE) * LEAST / 2e6),
     )
@@ -278,10 +297,12 @@ def _take_sample(index: Index) -> Sample:
             continue
     if not parts:
         none = np.zeros(0, np.uint8)
-        return Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, 0)
+        return Sample(
+            np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), np.zeros(0), False, False, 0
+        )
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("xyz", "number", "of", "classes", "strip")
+        for name in ("xyz", "number", "of", "classes", "strip", "ratios")
     }
     return Sample(
         **joined,

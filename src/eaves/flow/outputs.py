@@ -237,7 +237,8 @@ def write_outputs(
     for name, spent in clock.laps.items():
         region.budget.add(name, spent)
     region.budget.step("write")
-    if run.index.own.upright is None and (remark := feet_remark(kept.rows(owners))) is not None:
+    unknown = run.index.own.upright is None and run.facts.height_ratio is None
+    if unknown and (remark := feet_remark(kept.rows(owners))) is not None:
         region.remark(remark)
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""

@@ -352,6 +352,7 @@ def look_at_scan(run: Run) -> Run:
     for remark in facts.remarks():
         log.info("scan: %s", remark)
     warn_of_memory(run)
+    run = run if facts.likely_feet is None else run.with_remarks(facts.likely_feet)
     return replace(run, plan={**run.plan, "scan": facts.as_json()})
 
 
