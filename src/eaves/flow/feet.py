@@ -1,4 +1,4 @@
-"""Heights whose unit nobody states, nor the echoes of pulses tell, and which roofs and eaves say are in feet."""
+"""Heights whose unit nobody states and no echoes tell, and which roofs and eaves say are in feet."""
 
 from __future__ import annotations
 

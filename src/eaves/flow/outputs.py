@@ -237,8 +237,8 @@ def write_outputs(
     for name, spent in clock.laps.items():
         region.budget.add(name, spent)
     region.budget.step("write")
-    unknown = run.index.own.upright is None and run.facts.height_ratio is None
-    if unknown and (remark := feet_remark(kept.rows(owners))) is not None:
+    told = run.index.own.upright is not None or run.plan.get("scan", {}).get("height_ratio") is not None
+    if not told and (remark := feet_remark(kept.rows(owners))) is not None:
         region.remark(remark)
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""

@@ -162,7 +162,7 @@ def height_ratios(
     Parameters
     ----------
     xyz : ndarray (N, 3)
-        Points (m, as their units are taken).
+        Points of pulses of several returns (m, as their units are taken).
     time, angle : ndarray (N,)
         GPS time (s) and angle of the pulse (degrees off the nadir).
     number, of : ndarray (N,)
@@ -173,7 +173,7 @@ def height_ratios(
     ndarray (K,)
         The ratio of each pair of echoes of a slanting pulse.
     """
-    slant = np.flatnonzero((of > 1) & (np.abs(angle) > OBLIQUE_DEG))
+    slant = np.flatnonzero(np.abs(angle) > OBLIQUE_DEG)
     order = slant[np.lexsort((number[slant], time[slant]))]
     first, second = order[:-1], order[1:]
     pairs = (time[first] == time[second]) & (of[first] == of[second]) & (number[first] + 1 == number[second])

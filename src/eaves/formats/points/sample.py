@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.formats.errors import InputError
 from eaves.formats.points.las import (
     FIRST_LAYERED_FORMAT,
     decode_records,
@@ -57,7 +58,10 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
             if left <= 0:
                 return
         return
-    fields = readable_fields(header)
+    try:
+        fields = readable_fields(header)
+    except InputError:  # of damaged extra dimensions; what is wanted of them will say so
+        fields = {}
     byte = 20 if header.point_format >= FIRST_LAYERED_FORMAT else 18
     for position, records in iter_records(header, size, part=part):
         xyz = decode_records(header, position, records).xyz
@@ -69,6 +73,8 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
         intensity = bool(records[:, 12:14].any())
         ratios = np.zeros(0)
         if fields.keys() >= {"gps_time", "scan_angle"}:
-            time, angle = (fields[name](records[use]) for name in ("gps_time", "scan_angle"))
-            ratios = height_ratios(xyz[use], time, angle, number, of)
+            split = of > 1
+            several = np.flatnonzero(use)[split]
+            time, angle = (fields[name](records[several]) for name in ("gps_time", "scan_angle"))
+            ratios = height_ratios(xyz[several], time, angle, number[split], of[split])
         yield Sample(xyz[use], number, of, classes, strip, ratios, intensity, bool(pulses), len(records))
