@@ -26,8 +26,8 @@ from eaves.figures.party_walls import (
     with_walls,
 )
 from eaves.figures.trust import judge
+from eaves.flow.advice import feet_remark
 from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
-from eaves.flow.feet import feet_remark
 from eaves.flow.review import (
     LAYER,
     REVIEW,
