@@ -350,7 +350,10 @@ def look_at_scan(run: Run) -> Run:
     """The run with the facts of its scan in its plan, and its remarks in the log."""
     facts = run.facts
     for remark in facts.remarks():
-        log.info("scan: %s", remark)
+        if remark == facts.likely_feet:
+            run = run.with_remarks(remark)
+        else:
+            log.info("scan: %s", remark)
     warn_of_memory(run)
     return replace(run, plan={**run.plan, "scan": facts.as_json()})
 
