@@ -58,8 +58,6 @@ OTHERS: dict[str, list[float | None]] = {
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
 PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
-SHARES = ("slant_share",)
-"""Numbers of `adaptive_tin` that are moved to 1 at most."""
 LEFT_OUT = {
     "object_slope": (0.06, 0.1, 0.14),
     "distance_share": (0.65, 0.85),
@@ -397,7 +395,6 @@ def judge_moved(data: Path) -> None:
         sides = [type(value)(round(value * share, 6)) for share in (0.75, 1.25)]
         if isinstance(value, int):
             sides = [min(sides[0], value - 1), max(sides[1], value + 1)]
-        sides = [min(side, 1.0) if name in SHARES else side for side in sides]
         errors = [mean_error(**{name: side}) for side in sides]
         rows.append({"number": name, "value": value, "- 25 %": errors[0], "+ 25 %": errors[1]})
     worst = max(max(float(str(row["- 25 %"])), float(str(row["+ 25 %"]))) for row in rows)

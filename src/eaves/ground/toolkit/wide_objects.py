@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.geometry.components import connected_groups_kernel
+from eaves.ground.toolkit.doubts import LEAST_M2
 from eaves.ground.toolkit.floor import Floor
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
@@ -17,7 +18,8 @@ from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, 
 from eaves.raster.grid import WorldGrids, lowest_in_squares
 from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells
 
-UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)
+KINDS = ("unknown", "down", "up", "level", "void")
+UNKNOWN, DOWN, UP, LEVEL, VOID = range(len(KINDS))
 KIND_COUNT = len(KINDS)
 """Kinds of what lies beyond a piece of rim; void, where nothing was measured at all."""
 LOOK_CELLS = 2
@@ -48,9 +50,14 @@ class PlateauRules(Method):
         0.75, "The same of a metre beyond which nothing was measured, such as the rim of the data.", ge=0
     )
     level_weight: float = parameter(4.0, "The same of a metre that meets terrain level.", ge=0)
-    wide_area: float = parameter(
-        200.0, "Smaller surfaces are left to the opening, and it has the last word on them.", unit="m²", gt=0
+    window: float = parameter(
+        27.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
     )
+
+    @property
+    def wide_area(self) -> float:
+        """Surfaces (m²) less than half a window long and broad are left to the opening."""
+        return (self.window / 2.0) ** 2
 
     def tolerance(self, roughness: float) -> float:
         """Largest distance, along z, m, from a level surface of what belongs to it."""
@@ -208,11 +215,6 @@ def rim_kernel(z: Grid, occupied: Mask, label: Labels, looks: int, wall: float) 
     return sides[:count_sides].copy()
 
 
-DOUBT_M2 = 500.0
-"""Word is given of surfaces so large that were left in the terrain though more than half of their known rim
-steps down. It decides what is said, no result."""
-ISLAND_M2, ISLAND_MOST_M2 = 50.0, 2_500.0
-"""... and of islands of data from 50 m² to 50 by 50 m: nothing lower beside tells terrain from a roof."""
 BAND_ROWS = 128
 """Rows of cells for which the patches are compared at once; it bounds memory and decides no result."""
 Place = tuple[Integers, ...]
@@ -324,11 +326,10 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
-    doubts = find_doubts(floor, surfaces, verdict)
+    doubts = find_doubts(floor, surfaces, verdict, rules.window**2)
     if not raised.any():
         return Patch(floor.west, floor.north, floor.cell, nothing, nothing, doubts=doubts)
-    inside = raised | enclosed_by_terrain(raised, terrain)
-    region = near_cells(inside, ADJOINING) | (near_cells(inside, (2 * LOOK_CELLS) ** 2) & ~terrain)
+    region = near_cells(raised, ADJOINING) | (near_cells(raised, (2 * LOOK_CELLS) ** 2) & ~terrain)
     support = terrain & near_cells(region, LOOK_CELLS**2) & np.isfinite(floor.lowest)
     beneath = nothing
     if support.sum() >= 3:
@@ -337,7 +338,7 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     visible = terrain & np.isfinite(surfaces.z)
     ground = np.where(visible, surfaces.z, beneath)
     ceiling = np.where(region, ground + rules.wall / 2 + rise_within(ground), np.nan)
-    core = ~near_cells(~inside, ADJOINING)
+    core = ~near_cells(~raised, ADJOINING)
     return Patch(
         floor.west,
         floor.north,
@@ -348,18 +349,6 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     )
 
 
-def enclosed_by_terrain(raised: Mask, terrain: Mask) -> Mask:
-    """The cells (H, W) in neither that only raised ones enclose: machines, skylights, holes in the data."""
-    group, count = ndimage.label(~raised & ~terrain)
-    touched = np.bincount(group[near_cells(terrain, 1)], minlength=count + 1) > 0
-    around = np.bincount(group[near_cells(raised, 1)], minlength=count + 1) > 0
-    inner = around & ~touched
-    for side in (group[0], group[-1], group[:, 0], group[:, -1]):
-        inner[side] = False
-    inner[0] = False
-    return np.asarray(inner[group])
-
-
 def rise_within(ground: Grid) -> Grid:
     """Rise (H, W), m, of the terrain within a cell; 0 where it is unknown."""
     if min(ground.shape) < 2:
@@ -368,9 +357,10 @@ def rise_within(ground: Grid) -> Grid:
     return np.asarray(np.nan_to_num(np.hypot(south, east)), np.float32)
 
 
-def find_doubts(floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict) -> tuple[Doubt, ...]:
-    """The large surfaces left in the terrain though much of their rim steps down, and islands of data as
-    large as a roof: clips of a scan may hold a roof and nothing else.
+def find_doubts(floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict, large: float) -> tuple[Doubt, ...]:
+    """The surfaces as `large` (m²) or larger that were left in the terrain though more than half of their
+    known rim steps down, and islands of data as large as a roof, from `LEAST_M2` to twice as long and broad:
+    nothing lower beside tells terrain from a roof, and clips of a scan may hold a roof and nothing else.
 
     The place of each is that of its cell nearest to its centre.
     """
@@ -378,7 +368,7 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict) -> tu
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
     share = everything[:, DOWN] / np.maximum(stepped, 1.0)
     doubtful = ~verdict.raised & (share > 0.5)
-    doubtful &= surfaces.area >= DOUBT_M2
+    doubtful &= surfaces.area >= large
     doubtful[np.argmax(surfaces.area)] = False
     doubts = []
     for k in np.flatnonzero(doubtful):
@@ -391,7 +381,7 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict) -> tu
     island, count = ndimage.label(np.isfinite(floor.lowest), np.ones((3, 3)))
     area = np.bincount(island.ravel(), minlength=count + 1) * floor.cell**2
     stands = np.bincount(island[verdict.raised[surfaces.label]], minlength=count + 1) > 0
-    alone = ~stands & (area >= ISLAND_M2) & (area <= ISLAND_MOST_M2)
+    alone = ~stands & (area >= LEAST_M2) & (area <= 4 * large)
     alone[0] = False
     for k in np.flatnonzero(alone):
         reason = f"left in the terrain: {area[k]:.0f} m² with nothing measured around, which may be a roof"
