@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from benchmarks.accuracy.ground_kinds import Drawn, fort, hall_in_a_slope, scan
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.floor import FINEST_M, Floor
 from eaves.ground.toolkit.wide_objects import WideObjects, find_wide_objects
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import Bounds, Mask, PointCloud, Points, Values
 
 METHOD = AdaptiveTin()
 

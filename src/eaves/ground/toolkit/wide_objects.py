@@ -62,8 +62,8 @@ class PlateauRules(Method):
 
     @property
     def crease(self) -> float:
-        """Least bend (1) that parts a surface: within a window it makes a wall."""
-        return self.wall / self.window
+        """Least bend (1) that parts a surface: within two windows it makes a wall."""
+        return self.wall / (2.0 * self.window)
 
     def tolerance(self, roughness: float) -> float:
         """Largest distance, along z, m, from a level surface of what belongs to it."""
@@ -133,7 +133,7 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
     area[0] = 0.0
     joined = cells_kernel(np.asarray(whole, np.int32))
-    sides = rim_kernel(z, occupied, label, joined, steep, LOOK_CELLS, max(rules.wall, cell), rules.crease / 2)
+    sides = rim_kernel(z, occupied, label, joined, steep, LOOK_CELLS, max(rules.wall, cell), rules.crease)
     key, length = np.unique(sides, return_counts=True)
     surface, code = np.divmod(key, KIND_COUNT * (count + 1))
     contacts = np.stack([surface, code // KIND_COUNT, code % KIND_COUNT], axis=-1)
