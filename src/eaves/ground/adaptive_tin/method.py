@@ -108,8 +108,10 @@ class AdaptiveTin(Opening, GroundMethod):
       the terrain when the length of its rim that steps down by a `wall` is more than `up_weight` of what goes
       up or to crowns and machines, `void_weight` of that beyond which nothing was measured, and
       `level_weight` of what meets wide terrain level; the widest surface is terrain, and what it reaches
-      follows until nothing changes. Points over the terrain beneath a raised surface, drawn from around it,
-      are never ground; the steps below see them as objects. Not with `seed_cell`.
+      follows until nothing changes. The parts of terrain between creases are judged once more: a slope
+      that comes down to a flat part goes up, and a steeper part is reached. Points over the terrain beneath a
+      raised surface, drawn from around it, are never ground; the steps below see them as objects. Not with
+      `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
@@ -140,12 +142,12 @@ class AdaptiveTin(Opening, GroundMethod):
     than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
     parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through more
     than half of its walls, or where it is wider than `wide_around`; so does a roof dug into a slope, flush
-    with the ground uphill. A wide low roof enclosed by higher wings is taken for their court. A terrace that
-    the rim of the data cuts goes where nothing stands on it and more than three sevenths of its rim step
-    down, or where it is narrower than `window`. A plateau of rock with vertical walls all round
-    goes. A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on
-    dense data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
-    Heaps and rocks in thin data lose their tops.
+    with the ground uphill, where no crease closes it off or it is narrower than `window`. A wide low roof
+    enclosed by higher wings is taken for their court. A terrace that the rim of the data cuts goes where
+    nothing stands on it and more than three sevenths of its rim step down, or where it is narrower than
+    `window`. A plateau of rock with vertical walls all round goes. A hill narrower than the window goes when
+    it is steep on all sides. A kerb of three decimetres on dense data is cut off, a step of two decimetres is
+    kept. Dense low plants that no pulse passes are ground. Heaps and rocks in thin data lose their tops.
 
     Complexity
     ----------
