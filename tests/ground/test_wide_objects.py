@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-
 from benchmarks.accuracy.ground_kinds import Drawn, fort, hall_in_a_slope, scan
+
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.floor import FINEST_M, Floor
