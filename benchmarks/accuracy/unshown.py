@@ -178,12 +178,14 @@ def main(words: Sequence[str] | None = None) -> None:
     """Build the scenes and keep the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--scenes", type=int, default=SCENES)
+    parser.add_argument("--first", type=int, default=0, help="the seed of the first scene")
     parser.add_argument("--keep", type=Path, help="a folder for scenes, runs and the row of each house")
     parser.add_argument("--name", default="unshown", help="the name of the table")
     asked = parser.parse_args(words)
     place = asked.keep or Path(tempfile.mkdtemp())
     rows: list[dict[str, object]] = []
-    for seed in range(asked.scenes):
+    seeds = range(asked.first, asked.first + asked.scenes)
+    for seed in seeds:
         scene = draw_scene(seed, place / str(seed))
         for given in (True, False):
             rows += judge_run(scene, given)
@@ -194,7 +196,7 @@ def main(words: Sequence[str] | None = None) -> None:
     if asked.keep is not None:
         table.to_csv(place / "houses.csv", index=False)
     note = (
-        f"{asked.scenes * A_SIDE**2} houses in {asked.scenes} scenes of seeds 0 to {asked.scenes - 1}, "
+        f"{asked.scenes * A_SIDE**2} houses in {asked.scenes} scenes of seeds {seeds[0]} to {seeds[-1]}, "
         f"each built with its map and bare; {DENSITIES[0]:g} to {DENSITIES[1]:g} pulses/m², noise "
         f"{NOISES[0]:g} to {NOISES[1]:g} m. Wrong: height or volume off by over a tenth."
     )

@@ -60,10 +60,10 @@ def store_with(folder: Path, old: np.ndarray, *new: np.ndarray) -> Store:
     return store
 
 
-def superseded(store: Store) -> dict[str, np.ndarray]:
-    """What the points of the second file take the place of in the block."""
+def superseded(store: Store, *generations: int) -> dict[str, np.ndarray]:
+    """What the points of later files take the place of in the block."""
     scans = {block: load_scans(store, block) for block in ring(HOME)}
-    parameters = SimpleNamespace(generations=(1,))
+    parameters = SimpleNamespace(generations=generations)
     return find_superseded(see_scans(HOME, scans, parameters), parameters)
 
 
@@ -82,7 +82,7 @@ def test_earlier_points_give_way_in_gaps_up_to_their_width_alone(
     west = [(x + 0.5, y + 0.5, 0.0) for x in range(5) for y in range(9)]
     new = points_at(*west, *((x + 5 + gap, y, z) for x, y, z in west))
     store = store_with(tmp_path, points_at((6.5, 4.5, 1.0), (30.5, 4.5, 1.0)), new)
-    result = superseded(store)
+    result = superseded(store, 1)
     assert result["id"].tolist() == ([] if stays else [0])
     assert result["counts"].tolist() == [len(new), 1 - stays]
 
@@ -95,7 +95,7 @@ def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_pa
     left = []
     for k, tiles in enumerate(((new,), (new[cut], new[~cut]), (new[~cut], new[cut]))):
         store = store_with(tmp_path / str(k), old, *tiles)
-        store.save(SUPERSEDED, HOME, superseded(store))
+        store.save(SUPERSEDED, HOME, superseded(store, 1))
         left.append(sorted(map(tuple, store.read_points(HOME)["xyz"].tolist())))
         assert store.count_points(HOME) == len(left[-1])
     assert left[0] == left[1] == left[2]
@@ -105,8 +105,19 @@ def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_pa
 def test_a_tile_delivered_again_changes_nothing(tmp_path: Path) -> None:
     old = points_at(*(np.random.default_rng(6).random((200, 3)) * 20))
     store = store_with(tmp_path, old, old[::-1])
-    store.save(SUPERSEDED, HOME, superseded(store))
+    store.save(SUPERSEDED, HOME, superseded(store, 1))
     assert np.array_equal(store.read_points(HOME), old)
+
+
+def test_only_what_goes_for_the_last_scan_has_gone__no_copies_nor_what_went_before(tmp_path: Path) -> None:
+    west = [(x + 0.5, y + 0.5, 0.0) for x in range(9) for y in range(9)]
+    moved, east = ([(x + away, y, z + 0.1) for x, y, z in west] for away in (0.0, 9.0))
+    old = points_at(*west, *((x, y, 3.0) for x, y, _ in east))
+    store = store_with(tmp_path, old, points_at(*moved), points_at(*moved[-18:], *east))
+    result = superseded(store, 1, 2)
+    assert result["counts"].tolist() == [81, 81]
+    assert np.sort(result["gone"]).tolist() == list(range(81, 162))
+    assert len(result["id"]) == 81 + 81 + 18
 
 
 def test_a_version_that_ended_has_an_id_of_its_own__and_its_parts_too() -> None:
@@ -440,5 +451,20 @@ def test_points_that_come_beside_those_of_a_run_give_the_build_of_both(share: fl
     build(parts[0], tmp_path / "first", outputs=outputs, keep=True)
     update(tmp_path / "first", parts[1], tmp_path / "second", date="2026-05-01")
     build(parts, tmp_path / "whole", outputs=outputs)
+    whole, mine = (sorted(shapes(tmp_path / name).values()) for name in ("whole", "second"))
+    assert whole == mine
+
+
+@pytest.mark.slow
+def test_copies_of_earlier_points_around_new_ones_confirm_no_building(tmp_path: Path) -> None:
+    scene = nine_roofs_on_a_slope(density=4.0, noise=0.04)
+    xyz = np.round(scene.cloud.xyz + [85000.0, 447000.0, 0.0], 3)
+    cut = xyz[scene.building == 4, 0].max() - 0.3  # so little is new of the house that it would be confirmed
+    for name, inside in (("west", xyz[:, 0] < cut), ("east", xyz[:, 0] >= np.floor(cut - 6.0))):
+        write_laz(tmp_path / f"{name}.laz", xyz[inside])
+    parts = [tmp_path / "west.laz", tmp_path / "east.laz"]
+    build(parts[0], tmp_path / "first", outputs=("footprints", "models"), keep=True)
+    update(tmp_path / "first", parts[1], tmp_path / "second", date="2026-05-01")
+    build(parts, tmp_path / "whole", outputs=("footprints", "models"))
     whole, mine = (sorted(shapes(tmp_path / name).values()) for name in ("whole", "second"))
     assert whole == mine

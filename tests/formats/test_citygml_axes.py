@@ -62,8 +62,10 @@ def test_coordinates_stand_in_the_order_of_the_authority(code: str, version: str
     assert np.abs(np.array(corner, float) - expected).max() < 400.0
 
 
-def test_order_is_the_authoritys_where_wkt_1_says_nothing_of_axes(tmp_path: Path) -> None:
-    text = re.sub(r',AXIS\["[^"]*",\w+\]', "", CRS.from_epsg(2180).to_wkt(WktVersion.WKT1_GDAL))
+@pytest.mark.parametrize("code", ["2180", "31468", "6677", "28992", "5678"])
+def test_order_is_the_authoritys_where_wkt_1_says_nothing_of_axes(tmp_path: Path, code: str) -> None:
+    text = re.sub(r',AXIS\["[^"]*",\w+\]', "", CRS.from_epsg(int(code)).to_wkt(WktVersion.WKT1_GDAL))
     system = system_of(parse_crs(text), "", (0.0, 0.0))
+    assert system.code == f"EPSG:{code}"
     middle = written(tmp_path / "one.gml", system, "2")
     assert np.abs(box_of(tmp_path / "one.gml") - np.tile(middle, 2)).max() < 400.0

@@ -10,7 +10,6 @@ import pytest
 from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.adaptive_tin.densification import tolerance_at
 from eaves.model import Bounds, Mask, PointCloud
 from eaves.model.cloud import snap
 from eaves.simulate.scanner import scan_town
@@ -140,14 +139,3 @@ def test_where_cells_fall_matters_less_when_several_sets_of_them_decide() -> Non
     one, five = changed(1), changed(5)
     assert one > 0.002
     assert five < 0.75 * one
-
-
-def test_the_tolerance_of_a_place_is_that_of_its_square__seeds_on_all_sides_of_them() -> None:
-    x, y = (one.ravel() for one in np.meshgrid(np.arange(0.0, 81.0, 4.0), np.arange(0.0, 81.0, 4.0)))
-    xyz, method = np.c_[x, y, np.zeros(len(x))], AdaptiveTin()
-    rough = np.where((x < 40.0) & (y < 40.0), 0.05, 0.0)
-    level = method.tolerances(xyz, np.arange(len(xyz)), rough, Bounds.of(xyz))
-    assert tolerance_at.py_func(level, 20.0, 20.0) == pytest.approx(method.tolerance_gain * 0.05)
-    for place in ((20.0, 60.0), (60.0, 20.0), (60.0, 60.0)):
-        assert tolerance_at.py_func(level, *place) == pytest.approx(method.tolerance_least)
-    assert level.weight.sum() == len(xyz)

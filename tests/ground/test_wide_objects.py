@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from benchmarks.accuracy.ground_kinds import Drawn, fort, hall_in_a_slope, scan
 
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.floor import FINEST_M, Floor
 from eaves.ground.toolkit.wide_objects import WideObjects, find_wide_objects
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import Bounds, Mask, PointCloud, Points, Values
 
 METHOD = AdaptiveTin()
 
@@ -225,3 +228,24 @@ def test_a_works_with_machines_and_upper_floors_on_its_roof_stands() -> None:
     machines = works & ~upper & (rng.random(len(points)) < 0.2)
     points[machines, 2] += rng.uniform(1.0, 6.0, int(machines.sum()))
     assert share_of_ground(points, works) == 0.0
+
+
+def drawn_kind(density: float, kind: Callable[[Values, Values], Drawn]) -> tuple[float, float]:
+    """Shares of all points: ground lost, objects taken."""
+    cloud, truth = scan(kind, density, seed=21)
+    ground = classify_ground(cloud).ground
+    return float(np.mean(truth & ~ground)), float(np.mean(~truth & ground))
+
+
+@pytest.mark.parametrize("density", [0.5, 4.0])
+def test_a_hall_whose_roof_the_slope_comes_down_to_stands__parted_at_the_crease(density: float) -> None:
+    lost, taken = drawn_kind(density, hall_in_a_slope)
+    assert lost < 0.005
+    assert taken < 0.02  # of .105 that the roof is
+
+
+@pytest.mark.parametrize("density", [0.5, 4.0])
+def test_a_fort_that_a_ramp_leads_up_to_is_terrain__creases_at_both_ends_of_it(density: float) -> None:
+    lost, taken = drawn_kind(density, fort)
+    assert lost < 0.015
+    assert taken < 0.005

@@ -12,7 +12,8 @@ import shapely
 
 from eaves import Failure, RoofPlane, reconstruct_building, segment_roof
 from eaves.model import BuildingModel, Footprint, Points
-from eaves.reconstruct.toolkit.unseen import highest_of, mirrored_planes, rise_over, unseen_places
+from eaves.reconstruct.toolkit.ceiling import highest_of, rise_over
+from eaves.reconstruct.toolkit.unseen import mirrored_planes, unseen_places
 
 LENGTH, WIDTH, SLOPE, EAVES, NOISE = 12.0, 8.0, 0.7, 3.0, 0.02
 VOLUME = LENGTH * WIDTH * (EAVES + SLOPE * WIDTH / 4)

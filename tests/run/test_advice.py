@@ -152,6 +152,57 @@ def test_info_and_dry_run_write_nothing(scan: Path, tmp_path: Path) -> None:
     assert dry.exit_code == 0 and "split pulses" in dry.stdout and not out.exists()
 
 
+def echoes(path: Path, foot: float, seed: int = 0) -> Path:
+    """A scan of flat land under crowns, of pulses of two echoes off the nadir, heights in a unit (m)."""
+    rng = np.random.default_rng(seed)
+    count, angle = 2000, rng.uniform(-20.0, 20.0, 2000).round()
+    ground = np.column_stack([rng.uniform(0.0, 200.0, (count, 2)), np.zeros(count)])
+    depth = rng.uniform(3.0, 15.0, count)
+    ahead = np.radians(rng.normal(0.0, 2.0, count))
+    way = np.column_stack([np.tan(np.radians(angle)), np.tan(ahead), np.ones(count)])
+    xyz = np.stack([ground + way * depth[:, None], ground], axis=1).reshape(-1, 3)
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, 0.001), np.array([400_000.0, 5_700_000.0, 0.0])
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = ((xyz + (400_000.0, 5_700_000.0, 50.0)) / (1.0, 1.0, foot)).T
+    las.return_number, las.number_of_returns = np.tile([1, 2], count), np.full(2 * count, 2)
+    las.gps_time = np.repeat(np.arange(count) * 1e-5, 2)
+    las.scan_angle = np.repeat(angle / 0.006, 2)
+    las.write(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("foot", "stated", "said"), [(0.3048, "", True), (1.0, "", False), (0.3048, "+6360", False)]
+)
+def test_echoes_of_flat_land_say_heights_in_feet_that_nobody_states(
+    tmp_path: Path, foot: float, stated: str, said: bool
+) -> None:
+    path = echoes(tmp_path / "flat.laz", foot)
+    facts = scan_facts(index_inputs([path], f"EPSG:25832{stated}", []))
+    assert facts.height_ratio == pytest.approx(1 / foot if not stated else 1.0, rel=0.15)
+    assert (facts.likely_feet is not None) is said
+    assert any("times as far apart in height" in line for line in facts.remarks()) is said
+
+
+@pytest.mark.parametrize("word", ["EPSG:25831", "EPSG:2263", "none"])
+def test_info_shows_the_system_that_a_build_would_use__to_crs(scan: Path, tmp_path: Path, word: str) -> None:
+    runner, out = CliRunner(), tmp_path / "out"
+    words = ["--crs", "EPSG:28992", "--to-crs", word, "--quiet"]
+    told = runner.invoke(make_app(), ["info", str(scan), *words])
+    dry = runner.invoke(make_app(), ["build", str(scan), "-o", str(out), "--dry-run", *words])
+    assert told.exit_code == dry.exit_code == 0
+    shown, planned = (
+        [
+            line
+            for line in one.stdout.splitlines()
+            if line.startswith(("system", "plane", "heights", "density"))
+        ]
+        for one in (told, dry)
+    )
+    assert shown == planned and ("EPSG:28992" if word == "none" else word) in shown[0]
+
+
 def test_a_remark_is_logged_once_and_ends_the_summary(
     scan: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

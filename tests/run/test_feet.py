@@ -7,7 +7,7 @@ import pytest
 from shapely import Polygon
 
 from eaves.figures.rows import BuildingRow
-from eaves.flow.feet import feet_remark
+from eaves.flow.advice import feet_remark
 
 FOOT = 0.3048
 

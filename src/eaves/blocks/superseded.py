@@ -49,8 +49,8 @@ def find_superseded(
     view: Mapping[Block, list[tuple[int, Records]]], parameters: Scans
 ) -> dict[str, NDArray[np.int64]]:
     """The points of a block that are superseded: earlier points where later ones cover their place, but of
-    two that agree the later one. Their ids (K,), ascending, and how many of the last scan's points came, and
-    of the earlier ones went.
+    two that agree the later one. Their ids (K,), ascending, those (G,) that went for the last scan, and
+    how many of its points came, and of the earlier ones went.
 
     What is covered follows from the new points alone: not from the tiles they came in, nor from their order.
     """
@@ -58,16 +58,17 @@ def find_superseded(
     records = join_records([points for _, points in view[block]])
     number = np.concatenate([np.full(len(points), scan, np.int64) for scan, points in view[block]])
     stays = np.ones(len(records), bool)
-    came = went = 0
+    came, gone = 0, np.zeros(0, np.int64)
     for first, end in pairwise((*parameters.generations, np.iinfo(np.int64).max)):
         old = np.flatnonzero(stays & (number < first))
         new = np.flatnonzero((number >= first) & (number < end))
         covered = old[covers_place(view, block, first, int(end), records[old])]
         same, again = pair_same(records[covered], records[new])
-        stays[covered[~same]] = False
+        came, gone = int((~again).sum()), covered[~same]
+        stays[gone] = False
         stays[new[again]] = False
-        came, went = int((~again).sum()), int((~same).sum())
-    return {"id": np.sort(records["point_id"][~stays]), "counts": np.array([came, went])}
+    ids = records["point_id"]
+    return {"id": np.sort(ids[~stays]), "gone": ids[gone], "counts": np.array([came, len(gone)])}
 
 
 def covers_place(

@@ -16,6 +16,7 @@ from eaves.cli.options import (
     Quiet,
     Settings,
     Strict,
+    ToCrs,
     Verbose,
     with_run_options,
 )
@@ -62,6 +63,7 @@ def build(
 def info(
     inputs: Inputs,
     crs: Crs = None,
+    to_crs: ToCrs = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -70,7 +72,7 @@ def info(
 
     At most a million points are read; in larger scans they are sampled evenly over the files.
     """
-    show_facts(inputs, crs, as_json, quiet, verbose)
+    show_facts(inputs, crs, to_crs, as_json, quiet, verbose)
 
 
 @with_run_options(

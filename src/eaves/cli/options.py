@@ -27,6 +27,9 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Path of the output.", ri
 Crs = Annotated[
     str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
 ]
+ToCrs = Annotated[
+    str | None, typer.Option(help="System to which a build would transform the points, as its `--to-crs`.")
+]
 Jobs = Annotated[
     int, typer.Option(help="Number of processes; 0: one per core, or one for small data.", min=0)
 ]

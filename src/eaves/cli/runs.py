@@ -228,7 +228,9 @@ def show_plan(
     raise typer.Exit(INCOMPLETE if run.failed else COMPLETE)
 
 
-def show_facts(inputs: list[str], crs: str | None, as_json: bool, quiet: bool, verbose: bool) -> NoReturn:
+def show_facts(
+    inputs: list[str], crs: str | None, to_crs: str | None, as_json: bool, quiet: bool, verbose: bool
+) -> NoReturn:
     """Print the figures of a scan and what may go wrong in a run; nothing is computed or written."""
     import json
     from tempfile import TemporaryDirectory
@@ -245,7 +247,7 @@ def show_facts(inputs: list[str], crs: str | None, as_json: bool, quiet: bool, v
     with TemporaryDirectory() as folder:
         local, _ = localise(inputs, Path(folder))
         paths = list_inputs(local)
-        index = index_inputs(paths, crs, failed, remarks=remarks)
+        index = index_inputs(paths, crs, failed, to_crs=to_crs, remarks=remarks)
         facts = scan_facts(index)
         remarks += [remark for path in paths for remark in remarks_on(path)]
     if as_json:

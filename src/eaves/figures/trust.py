@@ -152,7 +152,8 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     the outline within 1 m of the true one, and the other way round. What towns of which everything is known
     do not show lowers the class by itself: a roof that its points do not support,
     a coarser model, an uncertain party wall, a base that no ground beside the building shows, a quarter of
-    the plan without points, points far off the roof on the whole, an outline beside which nothing was seen.
+    the plan without points, points far off the roof on the whole, a roof that rises over its points, an
+    outline beside which nothing was seen.
 
     Examples
     --------
@@ -206,6 +207,8 @@ def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:
         yield "nothing was seen beside {blank_share:.0%} of its outline: it may go on there".format(**row)
     if (row.get("rmse_m") or 0.0) > POOR_FIT_M:
         yield f"its points lie {row['rmse_m']:.2f} m (RMSE) off the roof"
+    if row.get("over_points_m"):
+        yield f"its roof rises {row['over_points_m']:.2f} m over its highest point"
     wall = row.get("wall_certainty")
     if wall is not None and wall < LOW:
         yield f"a party wall of certainty {wall:.2f}"

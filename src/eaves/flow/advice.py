@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from eaves.figures.rows import BuildingRow
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
+from eaves.formats.points.plausible import STRETCHED
 from eaves.formats.points.sample import Sample, read_sample
+from eaves.formats.statements import UNSTATED
 from eaves.geometry.percentiles import group_percentiles
 from eaves.model import LOCAL_METRES, Points
 from eaves.raster.blur import WIDTH, measure_blur, measure_roughness
@@ -38,8 +42,18 @@ PIECE_AREA, PIECES_APART = 2_000.0, 3
 START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
 """Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
 adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
+SMOOTH_M, ROUGH_GAIN = 0.2, 3.0
+"""Roughness (m) of laser scans is less; each metre beyond it is so many that a window may miss its plane by."""
 BLUR_STEP = 0.05
 """The blur is stated in steps of so much (m)."""
+PITCHED_DEG, STEEP_DEG = 10.0, 50.0
+"""Slopes from which a face is pitched, and from which it is steeper than most roofs are anywhere: in feet
+over a plane in metres one of 20° has 50°, and one of 35° has 66°."""
+STEEP, HIGH_M = 0.25, 8.0
+"""Share of the pitched area that is so steep, and median height (m) of eaves: both at once are feet. Surveys
+in metres have shares of 0 to .1 or lower eaves; two of Kentucky, heights left in feet, .28 and .72, 10 m."""
+FEWEST_FACES = 3
+"""Pitched faces that are evidence."""
 NO_RETURNS, SINGLE, LAST, FIRST, SPLIT = "none", "single", "last only", "first only", "all"
 
 
@@ -85,6 +99,8 @@ class ScanFacts:
         Standard deviation (m) by which walls are smoothed in a scan without pulses; 0 where they are sharp.
     colours : bool
         True if the points have colours.
+    height_ratio : float or None
+        How many times as far apart in height the echoes of a pulse lie as its angle lets them (median).
     cpu_s, memory_mb : float, int
         Processor time (s) of a build with all outputs; memory (MB) of each process.
     """
@@ -110,6 +126,7 @@ class ScanFacts:
     at_zero: float
     pieces: int | None
     piece_m2: float | None
+    height_ratio: float | None
     cpu_s: float
     memory_mb: int
     roughness: float | None
@@ -130,6 +147,18 @@ class ScanFacts:
     def whole(self) -> bool:
         """True if all points were looked at."""
         return self.looked_at == self.points
+
+    @property
+    def likely_feet(self) -> str | None:
+        """The line on heights whose unit nobody states, where the echoes of pulses say that it is another one
+        than it was taken for."""
+        if UNSTATED not in self.reference["heights"] or (self.height_ratio or 0.0) < STRETCHED:
+            return None
+        return (
+            f"heights: nobody states their unit, and they are likely feet: echoes of a pulse lie "
+            f"{self.height_ratio:.1f} times as far apart in height as its angle lets them; if they are, pass "
+            "a system that says so, as --crs 26918+6360, of the plane and of heights in feet"
+        )
 
     def remarks(self) -> list[str]:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
@@ -168,6 +197,7 @@ class ScanFacts:
                 f"{self.below:,} points more than {CELL:g} m below the ground, down to {self.deepest:.0f} m: "
                 "noise, which the ground filter leaves out",
             ),
+            (self.likely_feet is not None, str(self.likely_feet)),
             (not self.intensity, "no intensities: no method needs them"),
             (
                 self.strips == 1 and self.pulses,
@@ -282,6 +312,7 @@ def scan_facts(index: Index) -> ScanFacts:
         at_zero=at_zero,
         pieces=pieces,
         piece_m2=piece,
+        height_ratio=round(float(np.median(sample.ratios)), 2) if len(sample.ratios) >= FEWEST else None,
         cpu_s=round(START_S + index.points * (POINT_S + roofs * ROOF_POINT_S), 1),
         memory_mb=round((1.0 + density / DENSE) * LEAST / 2e6),
         roughness=rough,
@@ -298,6 +329,40 @@ def of_images(returns: str, pulses: bool) -> bool:
 def _rounded(value: float) -> float | None:
     """A value to millimetres; None for NaN."""
     return None if np.isnan(value) else round(value, 3)
+
+
+def feet_remark(rows: Iterable[BuildingRow]) -> str | None:
+    """The line on heights that are likely in feet, None where nothing speaks for it.
+
+    Parameters
+    ----------
+    rows : iterable of BuildingRow
+        All buildings.
+
+    Returns
+    -------
+    str or None
+        What was measured, in metres as heights were taken, and the remedy.
+    """
+    faces, eaves = [], []
+    for row in rows:
+        faces += [(values["slope_deg"], values["projected_m2"]) for _, values in row.faces]
+        level, ground = row.values.get("h_eaves"), row.values.get("h_ground")
+        if level is not None and ground is not None:
+            eaves.append(level - ground)
+    slope, area = np.array(faces, float).reshape(-1, 2).T
+    pitched = slope > PITCHED_DEG
+    if pitched.sum() < FEWEST_FACES or not eaves:
+        return None
+    share = float(area[slope > STEEP_DEG].sum() / area[pitched].sum())
+    high = float(np.median(eaves))
+    if share < STEEP or high < HIGH_M:
+        return None
+    return (
+        f"heights: nobody states their unit, they were taken as metres, and are likely feet: {share:.0%} of "
+        f"the pitched roofs are steeper than {STEEP_DEG:g}°, eaves are {high:.1f} m high (median); if they "
+        "are feet, pass a system that says so, as --crs 26918+6360, of the plane and of heights in feet"
+    )
 
 
 def _kind_of_returns(sample: Sample) -> str:
@@ -331,10 +396,11 @@ def _take_sample(index: Index) -> Sample:
             continue
     if not parts:
         none = np.zeros(0, np.uint8)
-        return Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, False, 0)
+        nothing = np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), np.zeros(0)
+        return Sample(*nothing, intensity=False, pulses=False, colours=False, read=0)
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("xyz", "number", "of", "classes", "strip")
+        for name in ("xyz", "number", "of", "classes", "strip", "ratios")
     }
     return Sample(
         **joined,

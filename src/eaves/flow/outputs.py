@@ -26,8 +26,8 @@ from eaves.figures.party_walls import (
     with_walls,
 )
 from eaves.figures.trust import judge
+from eaves.flow.advice import feet_remark
 from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
-from eaves.flow.feet import feet_remark
 from eaves.flow.review import (
     LAYER,
     REVIEW,
@@ -237,7 +237,8 @@ def write_outputs(
     for name, spent in clock.laps.items():
         region.budget.add(name, spent)
     region.budget.step("write")
-    if run.index.own.upright is None and (remark := feet_remark(kept.rows(owners))) is not None:
+    told = run.index.own.upright is not None or run.plan.get("scan", {}).get("height_ratio") is not None
+    if not told and (remark := feet_remark(kept.rows(owners))) is not None:
         region.remark(remark)
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""

@@ -188,6 +188,11 @@ class Run:
         """Facts of the scan, by a sample of its points."""
         return scan_facts(self.index)
 
+    @property
+    def blur(self) -> float:
+        """Standard deviation (m) by which walls are smoothed; 0 where they are sharp."""
+        return self.facts.blur
+
     @cached_property
     def fields(self) -> tuple[str, ...]:
         """The fields of points that are read for the methods, beside coordinates, returns and classes."""
@@ -359,7 +364,10 @@ def look_at_scan(run: Run) -> Run:
     """The run with the facts of its scan in its plan, and its remarks in the log."""
     facts = run.facts
     for remark in facts.remarks():
-        log.info("scan: %s", remark)
+        if remark == facts.likely_feet:
+            run = run.with_remarks(remark)
+        else:
+            log.info("scan: %s", remark)
     warn_of_memory(run)
     return replace(run, plan={**run.plan, "scan": facts.as_json()})
 

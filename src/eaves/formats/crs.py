@@ -19,8 +19,8 @@ from eaves.model import CoordinateSystem
 
 LENGTHS = {"metres": 1.0, "feet": 0.3048, "us-feet": 1200 / 3937}
 """Words that stand for a local plane in a unit (m), where data have no place on Earth."""
-LIKELY = 25
-"""PROJ's confidence (%) in a registered system whose name and parameters fit, and whose axes do not."""
+CERTAIN = 100
+"""PROJ's confidence (%) in a registered system with nothing that differs, the axes neither."""
 SAME_UNIT = 1e-9
 """Relative difference under which two units are one: the two feet differ by 2e-6."""
 
@@ -137,13 +137,13 @@ def compound(horizontal: pyproj.CRS, heights: pyproj.CRS) -> pyproj.CRS:
 def epsg_of(crs: pyproj.CRS) -> int | None:
     """The system's EPSG code, None for one that is not registered; looked up once, for it takes a while.
 
-    WKT 1 often says nothing of axes, so that a system of northing first is known by the code that it bears.
+    WKT 1 often says nothing of axes. In Esri's form, which never does, PROJ knows a system by its name and
+    its parameters, also one of two with the same plane and another order of axes (31468 and 5678).
     """
-    code: int | None = crs.to_epsg()
-    if code is None:
-        likely, own = crs.to_epsg(min_confidence=LIKELY), crs.to_json_dict().get("id", {}).get("code")
-        code = likely if likely == own else None
-    return code
+    code: int | None = crs.to_epsg(min_confidence=CERTAIN)
+    if code is None and crs.is_projected:
+        code = pyproj.CRS.from_wkt(crs.to_wkt(WktVersion.WKT1_ESRI)).to_epsg()
+    return code or crs.to_epsg()
 
 
 def code_of(crs: pyproj.CRS) -> str | None:

@@ -24,6 +24,8 @@ from eaves.formats.crs import (
 from eaves.formats.errors import InputError
 from eaves.model import CoordinateSystem
 
+UNSTATED = "not stated"
+"""Who states what nobody does."""
 REMEDY = "pass the right one with crs= or --crs"
 SAME_PLACE = 5.0
 """Two statements are one where they put the data within this distance (m): realisations of a datum differ by
@@ -82,10 +84,10 @@ def describe_reference(own: Stated, system: CoordinateSystem) -> dict[str, str]:
     `system`, `plane`, `heights`."""
     names = name_units(system)
     plane_from, heights_from = own.origins
-    plain = f"not stated: taken as {names['heights']}"
+    plain = f"{UNSTATED}: taken as {names['heights']}"
     return {
         "system": describe_system(system),
-        "plane": f"{names['geometry']} ({plane_from or 'not stated: taken as metre'})",
+        "plane": f"{names['geometry']} ({plane_from or f'{UNSTATED}: taken as metre'})",
         "heights": f"{names['heights']} ({heights_from or plain})",
     }
 

@@ -216,7 +216,7 @@ class ContourGround(GroundMethod):
 
     @property
     def buffer(self) -> float:
-        return 60.0
+        return self.least_length / 2
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         xyz = cloud.xyz

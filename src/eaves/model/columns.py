@@ -70,6 +70,9 @@ COLUMNS: dict[str, Column] = {
     "roof_face_count": Column("Roof faces", "", "of the finest level", int),
     "rmse_m": Column("RMSE", "m", "root mean square distance of the roof points to the roof"),
     "rmse95_m": Column("RMSE of the best 95 %", "m", "without the worst twentieth of the points"),
+    "over_points_m": Column(
+        "Height over its points", "m", "of a corner of the roof where no two faces with points meet"
+    ),
     "points": Column("Points", "", "number of points", int),
     "density": Column("Density", "points/m²", "points that decide over the area of the footprint"),
     "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
@@ -200,6 +203,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("roof_area_s_m2", "roof_area_w_m2", "roof_projected_m2", "roof_face_count", "h_50p", "h_70p"),
         *(
             "rmse95_m",
+            "over_points_m",
             "inlier_share",
             "density",
             "share_no_data",

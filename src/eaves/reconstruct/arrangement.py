@@ -18,6 +18,7 @@ from eaves.geometry.inside import points_in_polygons
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane, Solid, Values
+from eaves.reconstruct.toolkit.ceiling import height_over_points, highest_of
 from eaves.reconstruct.toolkit.cell_labels import (
     LARGEST,
     LabelCosts,
@@ -36,7 +37,7 @@ from eaves.reconstruct.toolkit.evidence import (
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_towers, find_superstructures
-from eaves.reconstruct.toolkit.unseen import highest_of, mirrored_planes, unseen_lines, unseen_places
+from eaves.reconstruct.toolkit.unseen import mirrored_planes, unseen_lines, unseen_places
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import LOWEST_ROOF, corner_rank, extrude_plan, is_sound, make_moves, without_numbers
@@ -290,8 +291,9 @@ class Arrangement(ObjectLimits):
     half a spacing, is not seen. An object on the roof needs `superstructure_points` points that rise by
     `residual_limit`: at ρ points/m² that is 8/ρ m², which chance leaves to one in two; nine of ten
     are found over about 15/ρ m² (1.5 m² at 10/m², 0.5 m² at 30/m², 0.25 m² at 60/m²). Overhangs and passages
-    are filled to the ground. Codes: `too_few_points`, `no_area`, `not_closed`; `no_plane`, `poor_fit` and
-    `not_closed` as the reason of a fallback; `base_too_high` where the base leaves no room for the roof.
+    are filled to the ground. Codes: `too_few_points`, `no_area`, `not_closed`; `no_plane`, `poor_fit`,
+    `over_points` and `not_closed` as the reason of a fallback; `base_too_high` where the base leaves no room
+    for the roof.
 
     Complexity
     ----------
@@ -403,7 +405,8 @@ class Arrangement(ObjectLimits):
             smallest = min(self.simple_smallest, self.simple_share * float(plan.area.sum()))
             simple = without_numbers(extrude_plan(*inputs, smallest).solids)
             share = share_near(simple, roof)
-            if simple and not self.compare("2.0", share, shares):
+            sound = simple and not height_over_points(simple, roof)
+            if sound and not self.compare("2.0", share, shares):
                 solids["2.0"], shares["2.0"] = simple, share
         fallback: dict[str, Any] = {}
         surface: Surface | None = None
@@ -411,6 +414,8 @@ class Arrangement(ObjectLimits):
             fallback = fallen_back("no_plane", "no roof plane was found among the points")
         elif not fine.solids:
             fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
+        elif over := height_over_points(fine.solids, roof):
+            fallback = fallen_back("over_points", f"LoD 2.2 rises {over:.1f} m over its highest point")
         else:
             surface = surface_heights(fine.solids, roof[:, :2])
             fallback = self.compare("2.2", share_near(fine.solids, roof, surface), shares)

@@ -47,7 +47,8 @@ class PlaneIntersection(LineReconstructor):
     Fails where
     -----------
     A plane that was not found leaves its points to a wrong neighbour; nothing weighs a border against the
-    points, so noise in the segmentation becomes faces. Codes: `too_few_points`, `no_plane`, `no_area`,
+    points, so noise in the segmentation becomes faces. A plane goes on where no point is:
+    `over_points_m` says how far it rises over all of them. Codes: `too_few_points`, `no_plane`, `no_area`,
     `not_closed`.
 
     Complexity

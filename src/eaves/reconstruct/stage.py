@@ -23,6 +23,7 @@ from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Points, R
 from eaves.model.checks import check_planes, check_polygon, check_type, checked_base
 from eaves.model.cloud import canonical_order, plain_points
 from eaves.raster.surfaces import heights_under
+from eaves.reconstruct.toolkit.ceiling import height_over_points
 
 FALLBACK = "prism"
 """The method that models what the chosen one cannot."""
@@ -90,7 +91,8 @@ def reconstruct_building(
     Returns
     -------
     BuildingModel or Failure
-        The model with the attributes `method` and `lod`.
+        The model with the attributes `method`, `lod`, and `over_points_m`: how far (m) a corner of its roof
+        lies over the highest point where no two planes that have points there meet.
 
     Raises
     ------
@@ -143,6 +145,7 @@ def reconstruct_building(
         result = fallback.model(points[order], footprint, ordered, ground, emit)
     if isinstance(result, Failure):
         return result
+    facts["over_points_m"] = round(height_over_points(result.solids[result.lod], points[order]), 2)
     back = tuple(replace(plane, members=np.sort(order[plane.members])) for plane in result.planes)
     return result.with_(planes=back, attributes={**facts, "lod": result.lod, **result.attributes})
 

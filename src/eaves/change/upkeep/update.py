@@ -361,10 +361,11 @@ def points_counted(region: Region) -> tuple[int, int]:
 
 
 def places_superseded(store: Store, side: float) -> Points:
-    """Places (N, 2; world metres) of the points that later ones took the place of."""
+    """Places (N, 2; world metres) of the points that those of the last scan took the place of: copies of
+    earlier ones took none, and what went in an earlier update says nothing of this one."""
     places = [np.zeros((0, 2))]
     for block in store.units(SUPERSEDED, side):
-        ids = store.superseded(block)
+        ids = store.array(SUPERSEDED, block, "gone")
         for _, path in store.scan_files(block) if len(ids) else ():
             records = np.fromfile(path, store.record)
             gone = records["xyz"][np.isin(records["point_id"], ids), :2]

@@ -1,4 +1,4 @@
-"""Plausibility of coordinates without a system as metres: extent, flight speed, gaps between returns."""
+"""Plausibility of coordinates whose unit nobody states as metres: extent, flight speed, echoes of a pulse."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ LINEAR = 0.9
 """Share of the variance of time that the place explains along one straight pass."""
 TIME_AT = {1: 20, 3: 20, 4: 20, 5: 20, 6: 22, 7: 22, 8: 22, 9: 22, 10: 22}
 """Byte of the GPS time in a record by point format (LAS 1.4, section 2.6)."""
+OBLIQUE_DEG, DROP = 5.0, 2.0
+"""Angle of a pulse, which many files keep in whole degrees, and distance (m) of two of its echoes in height
+from which they lie clearly beside each other."""
+STRETCHED = FOOT**-0.5
+"""Times that echoes may lie as far apart in height as the angle of their pulse lets them: half-way, as a
+factor, between 1 of heights in metres, which they do not exceed, and 3.28 of heights in feet."""
 DEGREE_EXTENT, DEGREE_RELIEF, DEGREE_SCALE = 0.5, 20.0, 1e-6
 """Data without a system are in degrees when they fit ±180 and ±90, span less than 0.5 and are either 20 times
 higher than wide (a tile of 0.01° has metres of relief) or stored in steps under 1e-6 (0.1 m in degrees)."""
@@ -142,6 +148,39 @@ def return_gap(xyz: Points, number: NDArray[np.integer], of: NDArray[np.integer]
     steep = np.hypot(way[:, 0], way[:, 1]) < np.abs(way[:, 2])
     pairs = (step == 1) & (of[1:] == of[:-1]) & (of[1:] > 1) & steep
     return float(np.percentile(np.linalg.norm(way[pairs], axis=1), 2)) if pairs.sum() >= FEWEST else None
+
+
+def height_ratios(
+    xyz: Points, time: Values, angle: Values, number: NDArray[np.integer], of: NDArray[np.integer]
+) -> Values:
+    """How many times as far apart in height the echoes of pulses lie as the pulses' angles let them.
+
+    An echo lies beside the one before it by its depth times the tangent of the pulse's angle, and by more
+    where the scanner looks ahead: the ratio is 1 or less, for any land and all that stands on it, unless
+    heights are in another unit than the plane.
+
+    Parameters
+    ----------
+    xyz : ndarray (N, 3)
+        Points of pulses of several returns (m, as their units are taken).
+    time, angle : ndarray (N,)
+        GPS time (s) and angle of the pulse (degrees off the nadir).
+    number, of : ndarray (N,)
+        Number of the return, and of returns of its pulse.
+
+    Returns
+    -------
+    ndarray (K,)
+        The ratio of each pair of echoes of a slanting pulse.
+    """
+    slant = np.flatnonzero(np.abs(angle) > OBLIQUE_DEG)
+    order = slant[np.lexsort((number[slant], time[slant]))]
+    first, second = order[:-1], order[1:]
+    pairs = (time[first] == time[second]) & (of[first] == of[second]) & (number[first] + 1 == number[second])
+    way = xyz[first[pairs]] - xyz[second[pairs]]
+    aside, tangent = np.hypot(way[:, 0], way[:, 1]), np.tan(np.radians(np.abs(angle[first[pairs]])))
+    clear = (way[:, 2] > DROP) & (aside > 0)
+    return np.asarray((way[:, 2] * tangent)[clear] / aside[clear])
 
 
 def likely_systems(x: float, y: float) -> list[str]:

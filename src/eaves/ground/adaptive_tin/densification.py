@@ -35,22 +35,6 @@ class Limits:
     """A steeper facet at the hull says nothing of the terrain beyond."""
 
 
-class Tolerances(NamedTuple):
-    """Tolerances for the distance of points from the surface.
-
-    `level` (H, W), m, holds at the middles of squares of a `side` (m), whose first has its north-west corner
-    at `west`, `north`; each weighs as much as the points (H, W) that it was measured with. It is `usual` (m)
-    far from all.
-    """
-
-    level: Values
-    weight: Values
-    usual: float
-    west: float
-    north: float
-    side: float
-
-
 class Waiting(NamedTuple):
     """Points (K,) that are no vertices yet, by their numbers among those of the TIN.
 
@@ -124,16 +108,18 @@ def update_residuals(tin: Tin, xyz: Points, waiting: Waiting, residual: Values, 
 
 
 def near_surface(
-    tin: Tin, xyz: Points, points: Points, level: Tolerances, slant: float, steepest: float
+    tin: Tin, xyz: Points, points: Points, tolerance: float, slant: float, steepest: float
 ) -> Mask:
-    """The points (M, 3) no farther along z from the TIN of some of others (N, 3) than the tolerance there,
-    plus `slant` (m) per unit of the facet's slope, which counts up to `steepest`.
+    """The points (M, 3) no farther along z from the TIN of some of others (N, 3) than a tolerance (m), plus
+    `slant` (m) per unit of the facet's slope, which counts up to `steepest`.
     """
     if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
         nearest = cKDTree(xyz[tin.waiting, :2]).query(points[:, :2])[1]
-        return np.asarray(np.abs(points[:, 2] - xyz[tin.waiting[nearest], 2]) <= level.usual)
+        return np.asarray(np.abs(points[:, 2] - xyz[tin.waiting[nearest], 2]) <= tolerance)
     return np.asarray(
-        near_kernel(points, xyz, tin.whole, tin.corner, tin.vertices, tin.neighbours, level, slant, steepest)
+        near_kernel(
+            points, xyz, tin.whole, tin.corner, tin.vertices, tin.neighbours, tolerance, slant, steepest
+        )
     )
 
 
@@ -281,19 +267,6 @@ def residual_kernel(
         residual[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
-@inlined_kernel
-def tolerance_at(level: Tolerances, x: float, y: float) -> Any:
-    """The tolerance (m) at (x, y), from the squares around."""
-    row, column = (level.north - y) / level.side - 0.5, (x - level.west) / level.side - 0.5
-    first, left = int(np.floor(row)), int(np.floor(column))
-    total, weight = 0.0, 0.0
-    for r in range(max(first, 0), min(first + 2, level.level.shape[0])):
-        for c in range(max(left, 0), min(left + 2, level.level.shape[1])):
-            share = (1.0 - abs(row - r)) * (1.0 - abs(column - c)) * level.weight[r, c]
-            total, weight = total + share * level.level[r, c], weight + share
-    return total / weight if weight > 0.0 else level.usual
-
-
 @kernel
 def near_kernel(
     points: Points,
@@ -302,7 +275,7 @@ def near_kernel(
     corner: NDArray[np.float64],
     vertices: Ids,
     neighbours: Ids,
-    level: Tolerances,
+    tolerance: float,
     slant: float,
     steepest: float,
 ) -> Mask:
@@ -310,13 +283,6 @@ def near_kernel(
     fits = np.empty(len(points), np.bool_)
     here, facet = 0, -1
     east, north, slope = 0.0, 0.0, 0.0
-    # a little more than the least and the most that a mean of tolerances can be: it decides only between
-    least, most = level.usual, level.usual
-    for row in range(level.level.shape[0]):
-        for column in range(level.level.shape[1]):
-            if level.weight[row, column] > 0.0:
-                least, most = min(least, level.level[row, column]), max(most, level.level[row, column])
-    least, most = least * (1.0 - 1e-9), most * (1.0 + 1e-9)
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         right, up = int(np.rint((x - corner[0]) / GRID_STEP)), int(np.rint((y - corner[1]) / GRID_STEP))
@@ -330,8 +296,5 @@ def near_kernel(
                 east, north, slope = plane_of(xyz, vertices, here)
                 facet = here
             height = xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1])
-        off, more = abs(z - height), slant * min(slope, steepest)
-        fits[i] = off <= least + more
-        if not fits[i] and off <= most + more:
-            fits[i] = off <= tolerance_at(level, x, y) + more
+        fits[i] = abs(z - height) <= tolerance + slant * min(slope, steepest)
     return fits

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.percentiles import group_percentiles
+from eaves.geometry.percentiles import median
 from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import (
     Limits,
-    Tolerances,
     Waiting,
     densify,
     insert_residuals,
@@ -26,10 +25,10 @@ from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.wide_objects import Patch, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points, Values
+from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points
 from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
-from eaves.raster.grid import EMPTY, empty_raster, whole_cells
+from eaves.raster.grid import EMPTY
 
 
 def rim_points(sure: Points, bounds: Bounds, rules: AdaptiveTin) -> Points:
@@ -88,11 +87,10 @@ class AdaptiveTin(Opening, GroundMethod):
         d ≤ d_max   and   α_k = arcsin(d / |p − v_k|) ≤ α_max,  k = 1, 2, 3
         d_max = 0.85 spacing,   α_max = 12° + 6° · spacing / m
         p' = 2 v − p,   |z − (2 z_v − facet(p'))| ≤ min(d_max, tan α_max · |p − v|)
-        ground:  |z − facet(p)| ≤ t + κ·s,   t = min(max(7 ρ, 0.1 m), 0.4 m),   κ = 0.6 spacing
+        ground:  |z − facet(p)| ≤ t + s · spacing / 2,   t = min(max(7 ρ, 0.1 m), 0.4 m)
 
     with d the distance to the facet, s its slope, v its vertex nearest to p, and ρ the median distance of
-    the seeds from a TIN of the lowest of them in cells twice as wide: in squares of `buffer`, between whose
-    middles t is interpolated, each weighed by its seeds.
+    the seeds from a TIN of the lowest of them in cells twice as wide.
 
     Fidelity
     --------
@@ -110,20 +108,22 @@ class AdaptiveTin(Opening, GroundMethod):
       the terrain when the length of its rim that steps down by a `wall` is more than `up_weight` of what goes
       up or to crowns and machines, `void_weight` of that beyond which nothing was measured, and
       `level_weight` of what meets wide terrain level; the widest surface is terrain, and what it reaches
-      follows until nothing changes. Points over the terrain beneath a raised surface, drawn from around it,
-      are never ground; the steps below see them as objects. Not with `seed_cell`.
+      follows until nothing changes. The parts of terrain between creases are judged once more: a slope
+      that comes down to a flat part goes up, and a steeper part is reached. Points over the terrain beneath a
+      raised surface, drawn from around it, are never ground; the steps below see them as objects. Not with
+      `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
       twice, so that a roof between roofs is found.
     - A piece that the opening took is weighed in the same way: it is terrain again where `level_weight` of
-      the rim that meets the ground level is more than what steps down, and `object_rim`. Roofs step down on
+      the rim that meets the ground level is more than what steps down, and `window`. Roofs step down on
       all sides, spurs and high fields do not.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - Where the spacing is more than `cell_least` a cell holds one point, and where the borders of the cells
       fall decides what is an object. So the ground is found in `looks` sets of cells, shifted against each
       other by parts of a cell, and a point is what most of them make of it.
-    - A seed or point within `noise_share` of t of a facet is not inserted: the TIN stays small.
+    - A seed or point within a seventh of t of a facet is not inserted: the TIN stays small.
     - Points around the data, at heights that the seeds nearest to them predict, keep the hull of the TIN
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
@@ -131,8 +131,8 @@ class AdaptiveTin(Opening, GroundMethod):
     The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m. The TIN
     of a block of a run ends `rim_apart` beyond it, as at the edge of data, which changes one point in ten
     thousand.
-    The roughness is measured in squares of 40 m, the spacing over the whole cloud that is given, which in a
-    run is a square of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for
+    Roughness and spacing are measured over the whole cloud that is given, which in a run is a square of
+    240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for
     within `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m
     has no say.
 
@@ -142,12 +142,12 @@ class AdaptiveTin(Opening, GroundMethod):
     than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
     parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through more
     than half of its walls, or where it is wider than `wide_around`; so does a roof dug into a slope, flush
-    with the ground uphill. A wide low roof enclosed by higher wings is taken for their court. A terrace that
-    the rim of the data cuts goes where nothing stands on it and more than three sevenths of its rim step
-    down, or where it is narrower than `window`. A plateau of rock with vertical walls all round
-    goes. A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on
-    dense data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
-    Heaps and rocks in thin data lose their tops.
+    with the ground uphill, where no crease closes it off or it is narrower than `window`. A wide low roof
+    enclosed by higher wings is taken for their court. A terrace that the rim of the data cuts goes where
+    nothing stands on it and more than three sevenths of its rim step down, or where it is narrower than
+    `window`. A plateau of rock with vertical walls all round goes. A hill narrower than the window goes when
+    it is steep on all sides. A kerb of three decimetres on dense data is cut off, a step of two decimetres is
+    kept. Dense low plants that no pulse passes are ground. Heaps and rocks in thin data lose their tops.
 
     Complexity
     ----------
@@ -212,21 +212,12 @@ class AdaptiveTin(Opening, GroundMethod):
         "tolerance.",
         ge=0,
     )
-    noise_share: float = parameter(
-        0.2, "A point this near to a facet, in tolerances of the last step, is not inserted.", ge=0, le=1
-    )
     looks: int = parameter(
         5,
         "Sets of cells that are tried where the spacing is more than `cell_least`; most of them decide.",
         ge=1,
     )
     rounds: int = parameter(8, "Maximum number of rounds of densification.", ge=0)
-    slant_share: float = parameter(
-        0.6,
-        "Added per unit of slope, in spacings: a point's place is as uncertain as that.",
-        symbol="κ",
-        ge=0,
-    )
 
     @property
     def buffer(self) -> float:
@@ -310,31 +301,12 @@ class AdaptiveTin(Opening, GroundMethod):
         tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(rim), len(low))]))
         waiting_fine, residual = Waiting.of(place[fine]), np.zeros(len(fine))
         update_residuals(tin, low, waiting_fine, residual, self.steepest)
-        level = self.tolerances(xyz, fine, residual, bounds)
-        noise = self.noise_share * level.usual
+        tolerance = self.tolerance(median(residual) if len(fine) else 0.0)
+        noise = tolerance / self.tolerance_gain
         insert_residuals(tin, low, waiting_fine, residual, noise, self.steepest)
         angle = np.radians(self.angle + self.angle_share * spacing)
         limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise, self.steepest)
         densify(tin, low, Waiting.of(place[candidates]), limits, self.rounds)
         if emit is not ignore:
             emit("triangles", low[tin.triangles])
-        slant = self.slant_share * spacing
-        return near_surface(tin, low, xyz, level, slant, self.steepest) & ~over
-
-    def tolerances(
-        self, xyz: Points, seeds: NDArray[np.int64], residual: Values, bounds: Bounds
-    ) -> Tolerances:
-        """The tolerances of surfaces as rough as the seeds (K,), by their residuals (K,), show them here and
-        there: floors of quarries and streets are not alike."""
-        squares = empty_raster(whole_cells(bounds, self.buffer), self.buffer)
-        places = squares.cell_of(xyz.take(seeds, axis=0))
-        square, count = np.ravel_multi_index(places, squares.shape), squares.values.size
-        rough = np.nan_to_num(group_percentiles(residual, square, count, 50.0)).reshape(squares.shape)
-        return Tolerances(
-            np.clip(self.tolerance_gain * rough, self.tolerance_least, self.tolerance_most),
-            np.bincount(square, minlength=count).reshape(squares.shape).astype(np.float64),
-            self.tolerance(float(np.median(residual)) if len(seeds) else 0.0),
-            squares.west,
-            squares.north,
-            squares.cell,
-        )
+        return near_surface(tin, low, xyz, tolerance, 0.5 * spacing, self.steepest) & ~over

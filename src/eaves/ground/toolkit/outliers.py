@@ -16,7 +16,6 @@ from eaves.ground.toolkit.floor import RING, empty_around, level_around, ring_of
 from eaves.ground.toolkit.seeds import Opening, lowest_surface, terrain_of
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Integers, Mask, PointCloud, Points, Values
-from eaves.raster.grid import EMPTY
 
 SIDE_M, SIDE_SPACINGS = 1.0, 3.0
 """Side of the cells whose lowest points are compared: 1 m, or three spacings in thin data, so that one of a
@@ -24,10 +23,8 @@ cell's nine points is ground. Echoes that come late together lie within a metre 
 DEPTH_M, REACH_SPACINGS = 0.3, 2.0
 """Echoes lie deeper under the surface than 0.3 m, with which the filters bear, and in wider cells than that
 times the square of their width: so far curved terrain leaves a plane. Points within two spacings in plan, a
-dozen, cover those under them."""
-TERRAIN_SPACINGS = 2.0
-"""Side of the cells whose opening finds the terrain that echoes lie under: two spacings, or `SIDE_M`. Each of
-them holds a point, and no ground is narrower than a lane."""
+dozen, cover those under them. As wide are the cells, each with a point, whose opening finds the terrain that
+echoes lie under, or `SIDE_M`."""
 CELL_M = 10.0
 """Side of the cells whose highest points are compared: 10 m, or ten spacings (about a hundred points) in thin
 data. A high group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
@@ -77,7 +74,7 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
         place = cells_of(bounds, side_within(bounds, times * SIDE_M * wide, len(xyz)), 0.0)
         cells = Cells(*place, *order_kernel(xyz, *place))
         mark_low_kernel(xyz, cells, ring_of(*RING), DEPTH_M * wide**2, reach, low)
-    low = under_terrain(xyz, low, max(SIDE_M, TERRAIN_SPACINGS * spacing), DEPTH_M * wide**2)
+    low = under_terrain(xyz, low, max(SIDE_M, reach), DEPTH_M * wide**2)
     for shift in (0.0, 0.5):
         mark_high_kernel(xyz, *cells_of(bounds, CELL_M * max(1.0, spacing), shift), high)
     return low, high & ~low
@@ -231,35 +228,29 @@ def mark_high_kernel(xyz: Points, corner: Values, side: float, rows: int, column
     """Mark in `high` (N,) the points of high groups in cells (rows, columns), few of which rise over all
     around.
     """
-    top, number = -empty_around(rows, columns, 1), np.full((rows, columns), EMPTY)
+    top, level = -empty_around(rows, columns, 1), np.full((rows, columns), np.inf)
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
         top[row + 1, column + 1] = max(top[row + 1, column + 1], xyz[i, 2])
-    level, count = np.empty(rows * columns), 0
     for row in range(rows):
         for column in range(columns):
-            around, here = top[row : row + 3, column : column + 3].copy(), top[row + 1, column + 1]
+            around = top[row : row + 3, column : column + 3].copy()
             around[1, 1] = -np.inf
-            if (around > -np.inf).sum() >= 3 and here >= around.max() + CELL_M:
-                level[count], number[row, column] = around.max() + CELL_M, count
-                count += 1
-    if count == 0:
+            if (around > -np.inf).sum() >= 3:
+                level[row, column] = around.max() + CELL_M
+    if not (top[1:-1, 1:-1] >= level).any():
         return
-    best, size, ceiling = np.full((count, GROUP + 1), -np.inf), np.zeros(count), np.full(count, np.inf)
+    size, above = np.zeros((rows, columns)), np.zeros((rows, columns))
+    least, rest = np.full((rows, columns), np.inf), np.full((rows, columns), -np.inf)
     for i in range(len(xyz)):
-        k, z = number[place_of(xyz, i, corner, side)], xyz[i, 2]
-        if k == EMPTY:
-            continue
-        size[k] += 1
-        for rank in range(GROUP + 1):
-            if best[k, rank] < z:
-                best[k, rank], z = z, best[k, rank]
-    for k in range(count):
-        for members in range(min(GROUP, int(GROUP_SHARE * size[k])), 0, -1):
-            least = best[k, members - 1]
-            if ceiling[k] == np.inf and least - best[k, members] >= CELL_M and least >= level[k]:
-                ceiling[k] = least
+        place, z = place_of(xyz, i, corner, side), xyz[i, 2]
+        size[place] += 1
+        if z >= level[place]:
+            above[place] += 1
+            least[place] = min(least[place], z)
+        else:
+            rest[place] = max(rest[place], z)
+    alone = (above <= np.minimum(GROUP, GROUP_SHARE * size)) & (least - rest >= CELL_M)
     for i in range(len(xyz)):
-        k = number[place_of(xyz, i, corner, side)]
-        if k != EMPTY:
-            high[i] |= xyz[i, 2] >= ceiling[k]
+        place = place_of(xyz, i, corner, side)
+        high[i] |= alone[place] and xyz[i, 2] >= level[place]

@@ -28,12 +28,6 @@ from eaves.raster.interpolate import fill_linear, fill_smooth
 class TerraceRules(PlateauRules):
     """When an object cell is terrain."""
 
-    object_rim: float = parameter(
-        30.0,
-        "Rim that counts as stepping down of every piece that the opening took: a short one says little.",
-        unit="m",
-        ge=0,
-    )
     terrace_steep: float = parameter(
         0.2,
         "Share of the height difference that counts as residual where the slope goes on: walls go on too.",
@@ -49,7 +43,8 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
     is counted where it meets the ground level, and where it steps down; both cells must hold a point, for
     one interpolated between them makes a slope of a low wall. A roof steps down on nearly all sides, also
     when it is flush with the ground uphill; a spur, a terrace, or a high field at the rim of the data does
-    not. The two are weighed as those of wide surfaces (`judge_surfaces`).
+    not. The two are weighed as those of wide surfaces (`judge_surfaces`); as much rim as the window is wide
+    counts as stepping down of every piece, for a short one says little.
     """
     z = surface.values.astype(np.float64)
     residual = residual_kernel(z, rules.terrace_steep)
@@ -59,7 +54,7 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: Terrace
     step = rules.tolerance(float(np.median(even)) if len(even) else 0.0)
     piece, count = terrace_pieces(objects, residual, step)
     level, down = surface.cell * rim_kernel(objects, piece, count, residual, z, step, occupied)
-    least = rules.object_rim * float(np.mean(occupied)) ** 2  # so much of a rim is known
+    least = rules.window * float(np.mean(occupied)) ** 2  # so much of a rim is known
     terrain = rules.level_weight * level > down + least
     terrain[0] = False
     return np.asarray(terrain[piece])
@@ -145,13 +140,12 @@ def openings(values: Grid, radii: Iterable[int]) -> Iterator[Grid]:
 class Opening(TerraceRules):
     """Rules by which a morphological opening finds objects."""
 
-    window: float = parameter(
-        27.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
-    )
     object_slope: float = parameter(
-        0.1, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
+        0.1,
+        "Rise over the opened surface, per metre of the window's radius, that makes an object; on a slope "
+        "of 1 twice as much.",
+        gt=0,
     )
-    slope_share: float = parameter(0.1, "Share of the terrain's slope that is added to it.", ge=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,10 +265,10 @@ def stands_out(surface: Raster, opening: Opening, slope: Grid) -> Mask:
     """Cells (H, W) that rise over the surface opened with a growing window.
 
     A window of radius r takes away what is narrower than 2 r; a cell is an object's when it loses more than
-    (`object_slope` + `slope_share` · slope) · r to one step [zhang2003, pingel2013].
+    `object_slope` · (1 + slope) · r to one step [zhang2003, pingel2013].
     """
     objects = np.zeros(surface.shape, bool)
-    rise = (opening.object_slope + opening.slope_share * slope).astype(np.float32)
+    rise = (opening.object_slope * (1.0 + slope)).astype(np.float32)
     widest = max(1, round(opening.window / 2.0 / surface.cell))
     # a few cells more at a time, and an eighth once that is more
     radii = [1]

@@ -12,7 +12,8 @@ from eaves.geometry.components import members
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Integers, Labels, Points, Values
-from eaves.reconstruct.toolkit.unseen import rise_over, without_points
+from eaves.reconstruct.toolkit.ceiling import rise_over
+from eaves.reconstruct.toolkit.unseen import without_points
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
 

@@ -1,0 +1,78 @@
+"""How high a roof may rise over what was seen of it: the rule of the default method, and the judge of all."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from eaves.figures.attributes import NEAR_M, surface_heights
+from eaves.geometry.face_table import FaceTable
+from eaves.geometry.neighbours import measure_spacing
+from eaves.model import ROOF_SURFACE, Labels, Points, Solid, Values
+
+LEAST_RISE, SIGMAS = 0.15, 3.0
+"""No corner lies higher over the highest point than by so much (m), or by so many sigmas of its plane."""
+
+NEAR, SPACINGS = 1.0, 2.0
+"""A place shows nothing where no point is as near (m), or within so many spacings: a few cells without a
+point are chance."""
+
+MEETING = 0.05
+"""Planes that differ by no more (m) in a corner meet there: it was rounded, and moved with its line."""
+
+
+def reach_of(spacing: float) -> float:
+    """The distance (m) within which a point shows a place."""
+    return max(NEAR, SPACINGS * spacing)
+
+
+def highest_of(roof: Points, labels: Labels, planes: Values, most: float) -> Values:
+    """The height (P,) over which no corner of a plane may lie: that of the highest point (N, 3) of any plane,
+    and what its own scatter hides, at most `most` (m)."""
+    known = labels >= 0
+    a, b, c = planes[labels[known]].T
+    x, y, z = roof[known].T
+    squares = np.bincount(labels[known], (z - a * x - b * y - c) ** 2, len(planes))
+    sigma = np.sqrt(squares / np.maximum(np.bincount(labels[known], minlength=len(planes)), 1))
+    top = (z if known.any() else roof[:, 2]).max()
+    return np.asarray(top + np.clip(SIGMAS * sigma, LEAST_RISE, most))
+
+
+def rise_over(
+    nodes: Values, roof: Points, labels: Labels, planes: Values, highest: Values, spacing: float
+) -> Values:
+    """How far (V, P; m) each plane lies too high at the nodes (V, 2): over its `highest` (P,), and where it
+    has points near also over the second of the planes that have some, which it may meet there."""
+    heights = nodes @ planes[:, :2].T + planes[:, 2]
+    rise = np.maximum(heights - highest, 0.0)
+    over = np.flatnonzero(rise.any(axis=1))
+    if not len(over):
+        return np.asarray(rise)
+    shown = np.zeros((len(over), len(planes)), bool)
+    known = np.flatnonzero(labels >= 0)
+    near = cKDTree(roof[known, :2]).query_ball_point(nodes[over], reach_of(spacing))
+    for row, points in enumerate(near):
+        shown[row, labels[known[points]]] = True
+    if len(planes) > 1:
+        second = np.sort(np.where(shown, heights[over], -np.inf), axis=1)[:, -2:-1]
+        above = np.maximum(heights[over] - second - MEETING, 0.0)
+        rise[over] = np.where(shown, np.minimum(rise[over], above), rise[over])
+    return np.asarray(rise)
+
+
+def height_over_points(solids: tuple[Solid, ...], points: Points) -> float:
+    """How far (m) the highest corner that is too high lies over all points (N, 3) of a building, else 0.
+
+    The rule is that of `rise_over`, whatever method made the solids: a face has the points within `NEAR_M` of
+    it, and a corner may always be as high as the highest point.
+    """
+    roof, top = FaceTable.of_solids(solids, ROOF_SURFACE), points[:, 2].max(initial=-np.inf)
+    if not len(points) or roof.corners[:, 2].max() <= top + LEAST_RISE:
+        return 0.0
+    height, cosine, face = surface_heights(solids, points[:, :2])
+    labels = np.where(np.abs(points[:, 2] - height) * cosine <= NEAR_M, face, -1)
+    planes = np.where(np.isnan(roof.planes), (0.0, 0.0, -np.inf), roof.planes)
+    highest = np.maximum(highest_of(points, labels, planes, np.inf), top + LEAST_RISE)
+    rise = rise_over(roof.corners[:, :2], points, labels, planes, highest, measure_spacing(points))
+    is_over = rise[np.arange(len(rise)), roof.face_of_corner] > 0.0
+    return float((roof.corners[is_over, 2] - top).max(initial=0.0))
