@@ -140,6 +140,11 @@ class Method(BaseModel):
     uses: ClassVar[tuple[str, ...]] = ()
     """Fields that it does without, and finds there where every file of a scan without pulses has them."""
 
+    def for_scan(self, blur: float, roughness: float) -> Self:
+        """The method for a scan whose walls are smoothed by a normal distribution of `blur` (m), and that is
+        rougher than laser scans by `roughness` (m); itself where both are 0, or nothing follows."""
+        return self
+
     def __init__(self, **parameters: Any) -> None:
         try:
             super().__init__(**parameters)

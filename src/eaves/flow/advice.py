@@ -42,8 +42,8 @@ PIECE_AREA, PIECES_APART = 2_000.0, 3
 START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
 """Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
 adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
-SMOOTH_M, ROUGH_GAIN = 0.2, 3.0
-"""Roughness (m) of laser scans is less; each metre beyond it is so many that a window may miss its plane by."""
+SMOOTH_M = 0.06
+"""Roughness (m) of laser scans is less."""
 BLUR_STEP = 0.05
 """The blur is stated in steps of so much (m)."""
 PITCHED_DEG, STEEP_DEG = 10.0, 50.0
@@ -94,7 +94,7 @@ class ScanFacts:
     pieces : int
         Parts of the area that do not touch; half the area is in those of at most `piece_m2`.
     roughness : float or None
-        Lower quartile of the RMSE (m) of points across the planes of squares of 3 m; None where too few are there.
+        Fifth percentile of the RMSE (m) of points across the planes of squares of 3 m; None where too few are there.
     blur : float
         Standard deviation (m) by which walls are smoothed in a scan without pulses; 0 where they are sharp.
     colours : bool
@@ -177,8 +177,8 @@ class ScanFacts:
             ),
             (
                 self.rough > 0.0,
-                f"flat places are rough by {self.roughness or 0:.2f} m, more than {SMOOTH_M} m: surfaces within "
-                f"{ROUGH_GAIN * self.rough:.2f} m more of a plane are taken for flat, and crowns may be taken for roofs",
+                f"flat places are rough by {self.roughness or 0:.2f} m, more than {SMOOTH_M} m: rougher surfaces "
+                "are taken for roofs, and so may be crowns",
             ),
             (self.returns == NO_RETURNS and self.pulses, f"no return numbers: {shape}"),
             (self.returns == SINGLE and self.pulses, f"0 % of pulses split: {shape}"),

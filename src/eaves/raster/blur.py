@@ -176,8 +176,12 @@ def shocked(surface: Surface) -> Surface:
     return surface
 
 
+FLATTEST = 5.0
+"""Percentile of the squares that are flat in any scan of roofs, roads or fields."""
+
+
 def measure_roughness(xyz: Points, side: float = 3.0, fewest: int = 6) -> float:
-    """Lower quartile of the RMSE (m) of points (N, 3) across the planes of squares of a side (m) with `fewest`
+    """Fifth percentile of the RMSE (m) of points (N, 3) across the planes of squares of a side (m) with `fewest`
     points or more; NaN where no square has as many."""
     local = xyz - xyz[:1]
     place = np.floor(local[:, :2] / side).astype(np.int64)
@@ -194,4 +198,4 @@ def measure_roughness(xyz: Points, side: float = 3.0, fewest: int = 6) -> float:
     left = np.maximum(zz - slope_x * xz - slope_y * yz, 0.0)[count >= fewest]
     many = count[count >= fewest]
     spread = np.sqrt(left * many / (many - 3.0))
-    return float(np.percentile(spread, 25.0)) if len(spread) else float("nan")
+    return float(np.percentile(spread, FLATTEST)) if len(spread) else float("nan")
