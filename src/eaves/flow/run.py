@@ -191,7 +191,7 @@ class Run:
     @property
     def blur(self) -> float:
         """Standard deviation (m) by which walls are smoothed; 0 where they are sharp."""
-        return self.facts.blur
+        return self.facts.blur if self.fields != self.recipe.needs else 0.0
 
     @cached_property
     def fields(self) -> tuple[str, ...]:

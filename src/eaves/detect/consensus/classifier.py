@@ -24,6 +24,9 @@ EIGHT = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 COLOUR_WEIGHT = 2.0
 """Weight of the log likelihood ratio of colours, and times that of echoes at most: chosen on drawn clouds of
 images (`benchmarks.accuracy.image_towns`, the first seeds), where smoothed crowns are as even as roofs."""
+UNTOLD = 4.0
+"""Log odds, fifty to one, against a roof where colours do not tell one from the rest: in smoothed and rough
+clouds relief has the shape of houses."""
 Places = tuple[Integers, Integers]
 """Rows and columns (K,) of cells."""
 SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
@@ -61,8 +64,16 @@ class Weights:
 
     def of_colours(self) -> Weights:
         """The weights of a scan whose colours stand for echoes."""
-        surface, cell = ((*terms[:-2], COLOUR_WEIGHT, terms[-1]) for terms in (self.surface, self.cell))
-        return replace(self, surface=surface, cell=cell)
+
+        def weighed(weights: tuple[float, ...], names: tuple[str, ...]) -> tuple[float, ...]:
+            table = dict(zip(names, weights, strict=True))
+            table["constant"] -= UNTOLD
+            table["constant x echoes"] += UNTOLD
+            return tuple((table | {"echoes": COLOUR_WEIGHT}).values())
+
+        return replace(
+            self, surface=weighed(self.surface, SURFACE_TERMS), cell=weighed(self.cell, CELL_TERMS)
+        )
 
 
 def read_weights(given: str) -> Weights:
