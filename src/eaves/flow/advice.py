@@ -135,7 +135,7 @@ class ScanFacts:
                 f"{self.below:,} points more than {CELL:g} m below the ground, down to {self.deepest:.0f} m: "
                 "noise, which the ground filter leaves out",
             ),
-            (not self.intensity, "no intensities: no method needs them"),
+            (not self.intensity, "no intensities: roofs that reflect otherwise do not show party walls"),
             (
                 self.strips == 1 and self.pulses,
                 "one strip: a wall is seen from one side at most, and no overlap shows how heights repeat",
