@@ -77,12 +77,14 @@ ASIDE_M = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """A detected block: roof points (N, 3), their heights over the terrain (N,), outline, spacing (m)."""
+    """A detected block: roof points (N, 3), their heights over the terrain (N,), outline, spacing (m), and
+    intensities (N,) where the scan has them."""
 
     points: Points
     height: Values
     outline: Polygon
     spacing: float
+    intensity: Values | None = None
 
 
 def blocks_of(cloud: PointCloud) -> list[Detected]:
@@ -96,11 +98,17 @@ def blocks_of(cloud: PointCloud) -> list[Detected]:
         mine = (regions.label == number) & roof
         boundary = trace_outline(cloud.xyz[mine], scene.spacing, not_last=twice[mine])
         if not isinstance(boundary, Failure):
-            groups.append(cloud.xyz[mine])
+            groups.append(cloud[mine])
             traced.append(boundary)
     return [
-        Detected(points, points[:, 2] - scene.dtm.at(points), one.polygon, scene.spacing)
-        for points, one in zip(groups, regularise_outlines(traced), strict=True)
+        Detected(
+            some.xyz,
+            some.xyz[:, 2] - scene.dtm.at(some.xyz),
+            one.polygon,
+            scene.spacing,
+            some.fields.get("intensity"),
+        )
+        for some, one in zip(groups, regularise_outlines(traced), strict=True)
         if isinstance(one, Footprint)
     ]
 
@@ -110,9 +118,7 @@ def placed_blocks(cloud: PointCloud, moves: Sequence[tuple[float, float]]) -> It
     for move in moves:
         there = np.array([*move, 0.0])
         yield [
-            Detected(
-                one.points - there, one.height, affinity.translate(one.outline, *(-there[:2])), one.spacing
-            )
+            replace(one, points=one.points - there, outline=affinity.translate(one.outline, *(-there[:2])))
             for one in blocks_of(replace(cloud, xyz=cloud.xyz + there))
         ]
 
@@ -319,7 +325,9 @@ def divided_all(blocks: Sequence[Detected]) -> list[Polygon]:
     return [
         part
         for one in blocks
-        for part in divide_block(one.points, one.height, one.outline, one.spacing).parts
+        for part in divide_block(
+            one.points, one.height, one.outline, one.spacing, intensity=one.intensity
+        ).parts
     ]
 
 
