@@ -137,6 +137,8 @@ class Method(BaseModel):
     needs: ClassVar[tuple[str, ...]] = ()
     """Fields of the points, beside coordinates, returns and classes, that a ground filter or a detector finds
     in `PointCloud.fields`; they are read for it alone."""
+    wants: ClassVar[tuple[str, ...]] = ()
+    """Fields that a unit method is given by their names where the files have them: `intensity`."""
 
     def __init__(self, **parameters: Any) -> None:
         try:

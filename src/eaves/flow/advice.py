@@ -163,7 +163,7 @@ class ScanFacts:
                 "noise, which the ground filter leaves out",
             ),
             (self.likely_feet is not None, str(self.likely_feet)),
-            (not self.intensity, "no intensities: no method needs them"),
+            (not self.intensity, "no intensities: roofs that reflect otherwise do not show party walls"),
             (
                 self.strips == 1 and self.pulses,
                 "one strip: a wall is seen from one side at most, and no overlap shows how heights repeat",

@@ -155,7 +155,7 @@ def refuse_full_disk(run: Run) -> None:
     InputError
         When it has not.
     """
-    each = RECORD.itemsize + 8 * len(run.recipe.needs) + (COPIED_BYTES if copies_records(run) else 0)
+    each = RECORD.itemsize + 8 * len(run.fields) + (COPIED_BYTES if copies_records(run) else 0)
     needed = each * run.index.points if run.window == Window() else 0
     place = next(
         folder for folder in (run.folder.absolute(), *run.folder.absolute().parents) if folder.is_dir()

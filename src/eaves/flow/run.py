@@ -47,6 +47,7 @@ from eaves.formats.crs_check import vertical_datum
 from eaves.formats.errors import require_extra
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.converted import remarks_on
+from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
 from eaves.methods import DEFAULTS, MethodChoice
@@ -131,6 +132,13 @@ class Run:
     started: float = 0.0
     remote: Mapping[str, Any] = field(default_factory=dict)
     """Traffic over the network (`formats.points.remote.Traffic`)."""
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The fields of points that are read beside coordinates, returns and classes: those that methods
+        need, and those that they want, where no input is a text."""
+        files = all(isinstance(source.layout, LasHeader) for source in self.index.kept.values())
+        return tuple(sorted({*self.recipe.needs, *(self.recipe.wants if files else ())}))
 
     def with_options(self, **options: Unpack[RunOptions]) -> Self:
         """The run with some options in place of its own."""

@@ -270,7 +270,7 @@ def store_of(run: Run) -> Store:
         has_returns=run.index.has_field("return_number"),
         has_classes=run.index.has_field("classification"),
         system=run.index.system,
-        fields=run.recipe.needs,
+        fields=run.fields,
         outlasts=bool(run.options["keep"]),
     )
 

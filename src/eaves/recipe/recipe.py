@@ -110,6 +110,11 @@ class Recipe:
         return tuple(sorted({*self.ground.needs, *detected}))
 
     @property
+    def wants(self) -> tuple[str, ...]:
+        """The fields of points that the methods take where every file has them."""
+        return self.units.wants if self.units else ()
+
+    @property
     def sees_wide(self) -> bool:
         """True if points beyond a block's buffer are looked at to find wider objects."""
         return self.ground.wide_buffer > 0.0 and not self.use_classes
