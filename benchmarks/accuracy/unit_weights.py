@@ -40,7 +40,7 @@ from eaves.simulate.objects.exact import ExactScene
 from eaves.units import divide_block
 from eaves.units.row_walls import division, evidence
 from eaves.units.row_walls.division import RowUnits, border_odds, borders_between, label_unit_cells
-from eaves.units.row_walls.evidence import WEIGHTS, roof_noise, traits_of, wall_odds, wall_signs
+from eaves.units.row_walls.evidence import WEIGHTS, Roofs, traits_of, wall_signs
 from eaves.units.row_walls.method import WEIGHTS as SEVERAL
 from eaves.units.row_walls.method import RowWalls, directions_of, odds_of_several, traits_of_block
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan, rows_of
@@ -50,6 +50,9 @@ DENSITY, SPARSE, NOISE = 10.0, 3.0, 0.03
 PLACEMENTS_M = ((0.0, 0.0), (0.13, 0.29), (0.31, 0.17), (0.43, 0.47), (0.22, 0.08), (0.07, 0.37))
 """The towns are moved by so much and detected again: what parts of a cell decide is noise, and is learned as
 such; Delft's rows are means over them."""
+DRAWN_SIGNS = 4
+"""Traits that drawn towns have; of fire walls and reflectance they know nothing
+(`python -m benchmarks.accuracy.walls`)."""
 LEAST_HOUSE_M2 = 25.0
 """Smaller true buildings are sheds and do not make a block several."""
 DRAWN = (
@@ -74,12 +77,14 @@ ASIDE_M = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """A detected block: roof points (N, 3), their heights over the terrain (N,), outline, spacing (m)."""
+    """A detected block: roof points (N, 3), their heights over the terrain (N,), outline, spacing (m), and
+    intensities (N,) where the scan has them."""
 
     points: Points
     height: Values
     outline: Polygon
     spacing: float
+    intensity: Values | None = None
 
 
 def blocks_of(cloud: PointCloud) -> list[Detected]:
@@ -93,11 +98,17 @@ def blocks_of(cloud: PointCloud) -> list[Detected]:
         mine = (regions.label == number) & roof
         boundary = trace_outline(cloud.xyz[mine], scene.spacing, not_last=twice[mine])
         if not isinstance(boundary, Failure):
-            groups.append(cloud.xyz[mine])
+            groups.append(cloud[mine])
             traced.append(boundary)
     return [
-        Detected(points, points[:, 2] - scene.dtm.at(points), one.polygon, scene.spacing)
-        for points, one in zip(groups, regularise_outlines(traced), strict=True)
+        Detected(
+            some.xyz,
+            some.xyz[:, 2] - scene.dtm.at(some.xyz),
+            one.polygon,
+            scene.spacing,
+            some.fields.get("intensity"),
+        )
+        for some, one in zip(groups, regularise_outlines(traced), strict=True)
         if isinstance(one, Footprint)
     ]
 
@@ -107,9 +118,7 @@ def placed_blocks(cloud: PointCloud, moves: Sequence[tuple[float, float]]) -> It
     for move in moves:
         there = np.array([*move, 0.0])
         yield [
-            Detected(
-                one.points - there, one.height, affinity.translate(one.outline, *(-there[:2])), one.spacing
-            )
+            replace(one, points=one.points - there, outline=affinity.translate(one.outline, *(-there[:2])))
             for one in blocks_of(replace(cloud, xyz=cloud.xyz + there))
         ]
 
@@ -143,12 +152,12 @@ def owners_of(xy: NDArray[np.float64], tree: STRtree) -> NDArray[np.int64]:
     return owner
 
 
-def divided(block: Detected) -> tuple[Plan, list[HouseRow], float]:
-    """The plan, the rows and the noise of a block."""
+def divided(block: Detected) -> tuple[Plan, list[HouseRow], Roofs]:
+    """The plan, the rows and the roofs of a block."""
     method = RowWalls()
     plan = Plan.of(block.outline, block.points)
     directions = directions_of(block.outline, method.shortest_front)
-    return plan, list(rows_of(plan, directions, method)), roof_noise(block.points)
+    return plan, list(rows_of(plan, directions, method)), Roofs.of(block.points)
 
 
 def asked(blocks: Sequence[Detected], scene: ExactScene) -> Iterator[tuple[Detected, STRtree]]:
@@ -162,12 +171,12 @@ def asked(blocks: Sequence[Detected], scene: ExactScene) -> Iterator[tuple[Detec
 
 def samples(blocks: Sequence[Detected], scene: ExactScene) -> tuple[NDArray[np.float64], Mask]:
     """Traits (N, K) and truth (N,) of all steps of all rows."""
-    traits, walls = [np.zeros((0, len(WEIGHTS)))], [np.zeros(0, bool)]
+    traits, walls = [np.zeros((0, DRAWN_SIGNS))], [np.zeros(0, bool)]
     for block, tree in asked(blocks, scene):
-        _, rows, noise = divided(block)
+        _, rows, roofs = divided(block)
         for row in rows:
             wall, counts = true_walls(row, tree)
-            traits.append(traits_of(wall_signs(row, block.points, noise))[counts])
+            traits.append(traits_of(wall_signs(row, block.points, roofs.noise))[counts, :DRAWN_SIGNS])
             walls.append(wall[counts])
     return np.concatenate(traits), np.concatenate(walls)
 
@@ -181,8 +190,8 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
     walls: Sure = []
     borders: Sure = []
     for block, tree in asked(blocks, scene):
-        plan, rows, noise = divided(block)
-        odds = [wall_odds(wall_signs(row, block.points, noise)) for row in rows]
+        plan, rows, roofs = divided(block)
+        odds = [roofs.wall_odds(row) for row in rows]
         found = [method.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
         if not found or odds_of_several(found, odds, len(block.points), block.outline.area) < 0.0:
             continue
@@ -196,7 +205,7 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
                 continue
             there = border_is_wall(plan, places, tree)
             if there is not None:
-                odds = border_odds(plan, places, block.points, noise)
+                odds = border_odds(plan, places, roofs)
                 borders.append((float(np.clip(odds, -division.MOST_ODDS, division.MOST_ODDS)), there))
     return walls, borders
 
@@ -218,9 +227,7 @@ def walls_in_row(units: RowUnits, tree: STRtree) -> Sure:
 
 def border_is_wall(plan: Plan, places: NDArray[np.float64], tree: STRtree) -> bool | None:
     """Whether different true buildings stand on the two sides of a border; None where that is not known."""
-    xy = np.column_stack(
-        [plan.west + (places[:, 1] + 0.5) * CELL_M, plan.south + (places[:, 0] + 0.5) * CELL_M]
-    )
+    xy = plan.places(*places.T)
     _, _, axes = np.linalg.svd(xy - xy.mean(axis=0), full_matrices=False)
     aside = ASIDE_M * np.array([-axes[0][1], axes[0][0]])
     one, two = owners_of(xy + aside, tree), owners_of(xy - aside, tree)
@@ -286,8 +293,8 @@ def several_rows(known: Known) -> Iterator[dict[str, object]]:
 def block_traits(block: Detected) -> NDArray[np.float64] | None:
     """The traits (5,) that tell one building from several, None for a block in which no wall is found."""
     method = RowWalls()
-    _, rows, noise = divided(block)
-    odds = [wall_odds(wall_signs(row, block.points, noise)) for row in rows]
+    _, rows, roofs = divided(block)
+    odds = [roofs.wall_odds(row) for row in rows]
     found = [method.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
     if not any(len(units.walls) for units in found):
         return None
@@ -318,7 +325,9 @@ def divided_all(blocks: Sequence[Detected]) -> list[Polygon]:
     return [
         part
         for one in blocks
-        for part in divide_block(one.points, one.height, one.outline, one.spacing).parts
+        for part in divide_block(
+            one.points, one.height, one.outline, one.spacing, intensity=one.intensity
+        ).parts
     ]
 
 
@@ -379,13 +388,13 @@ def main() -> None:
         as_markdown(
             [
                 {"sign": sign, "in use": used, **{c: round(float(weights[c][k]), 2) for c in choices}}
-                for k, (sign, used) in enumerate(WEIGHTS.items())
+                for k, (sign, used) in enumerate(list(WEIGHTS.items())[:DRAWN_SIGNS])
             ]
         )
     )
     used, rows = dict(evidence.WEIGHTS), []
     for choice, weight in [*weights.items(), ("in use", np.array(list(used.values())))]:
-        evidence.WEIGHTS.update(zip(used, weight.tolist(), strict=True))
+        evidence.WEIGHTS.update(zip(used, weight.tolist(), strict=False))
         for name, truth in maps.items():
             learned_on = choices.get(choice, list(towns))
             lines = [map_row(name, divided_all(some), truth) for some in placed[name]]

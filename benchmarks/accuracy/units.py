@@ -120,10 +120,10 @@ def woodford_row(folder: Path) -> dict[str, object]:
     }
 
 
-def footprints_in(path: Path) -> list[Polygon]:
-    """The footprints of a GeoPackage."""
-    _, _, shapes, _ = pyogrio.raw.read(path, layer="footprints", columns=[])
-    return list(shapely.make_valid(shapely.from_wkb(shapes)))
+def footprints_in(path: Path, layer: str | None = "footprints") -> list[Polygon]:
+    """The footprints in a layer of a GeoPackage; None is its first."""
+    _, _, shapes, _ = pyogrio.raw.read(path, layer=layer, columns=[])
+    return list(shapely.make_valid(shapely.force_2d(shapely.from_wkb(shapes))))
 
 
 def map_row(name: str, found: list[Polygon], wanted: list[Polygon]) -> dict[str, object]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import shapely
 from numpy.typing import NDArray
-from shapely import box
+from shapely import affinity, box
 
 from eaves.units import divide_block
 from eaves.units.row_walls.division import MergeRules, RowUnits, merged_units
-from eaves.units.row_walls.evidence import USUAL_NOISE_M, roof_noise
+from eaves.units.row_walls.evidence import EVEN, USUAL_NOISE_M, Roofs, roof_noise, wall_signs
 from eaves.units.row_walls.method import LARGE, SURE, chances_of, odds_of_several, sums_kernel
 from eaves.units.row_walls.rows import HouseRow, Plan
 
@@ -183,22 +185,79 @@ def test_the_division_does_not_depend_on_the_order_of_points() -> None:
     assert one.certainty == other.certainty
 
 
-def test_a_small_unit_whose_neighbour_was_given_to_it_goes_where_it_was_given_itself() -> None:
-    """The large unit 3 shows no wall to 2 and 1: it is given to 2, and 2 to 1; then 2, too small, to 3."""
+def test_a_small_unit_goes_where_its_border_is_longest__small_ones_go_on_together() -> None:
+    """Unit 1 (16 m²) has its longest border with 2 (24 m²), which has its own with 3."""
     outline = box(0, 0, 10, 14)
     points = np.column_stack(
         [np.random.default_rng(7).uniform((0, 0), (10, 14), (1400, 2)), np.full(1400, 5.0)]
     )
     plan = Plan.of(outline, points)
     label = np.zeros(plan.main.shape, np.int32)
-    for unit, (west, south, east, north) in enumerate([(6, 10, 10, 14), (0, 10, 6, 14), (0, 0, 10, 10)], 1):
-        (south_row, north_row), (first, last) = plan.cells(np.array([west, east]), np.array([south, north]))
-        label[south_row:north_row, first:last] = unit
+    x, y = plan.places(*(part.ravel() for part in np.indices(label.shape))).T
+    for unit, house in enumerate([box(6, 10, 10, 14), box(0, 10, 6, 14), box(0, 0, 10, 10)], 1):
+        label.ravel()[shapely.contains_xy(house, x, y)] = unit
     none = HouseRow(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(4), np.ones(4))
     rows = [RowUnits(none, np.zeros(0, np.int64), np.zeros(0)) for _ in range(3)]
-    number, walls = merged_units(plan, label, rows, points, USUAL_NOISE_M, MergeRules())
+    number, walls = merged_units(plan, label, rows, Roofs.of(points), MergeRules())
     assert walls == {}
     assert set(np.unique(number[label > 0])) == {1}
+
+
+def test_no_unit_has_a_strip_between_a_wall_and_a_step_of_the_outline() -> None:
+    """The wall at x = 6 runs .6 m beside the side of an annex of the first house."""
+    points = scanned_row([0.0, 0.8, 0.0])
+    rng = np.random.default_rng(3)
+    annex = np.column_stack(
+        [rng.uniform(6.6, 11, 200), rng.uniform(DEPTH, DEPTH + 4, 200), np.full(200, 3.0)]
+    )
+    both = np.vstack([points, annex])
+    outline = shapely.union_all([box(0, 0, 3 * HOUSE, DEPTH), box(5.4, DEPTH, 11, DEPTH + 4)])
+    parts = divide_block(both, both[:, 2], outline, 0.3).parts
+    assert len(parts) == 3
+    opened = shapely.buffer(shapely.buffer(parts, -0.5, join_style="mitre"), 0.5, join_style="mitre")
+    assert shapely.area(shapely.difference(parts, opened)).max() < 0.05
+
+
+@pytest.mark.parametrize("contrast", [0.0, 0.4])
+def test_roofs_of_one_height_are_parted_where_their_reflectance_changes(contrast: float) -> None:
+    points = scanned_row([0.0] * 4)
+    rng = np.random.default_rng(8)
+    house = (points[:, 0] // HOUSE).astype(int)
+    intensity = np.round(
+        np.exp(4.0 + contrast * np.array([0, 2, -1, 1])[house] + rng.normal(0, 0.2, len(house)))
+    )
+    outline = box(0, 0, 4 * HOUSE, DEPTH)
+    plain = wall_signs(whole_row(), points, USUAL_NOISE_M)
+    signs = wall_signs(whole_row(), points, USUAL_NOISE_M, np.log(intensity))
+    assert np.array_equal(signs[:, :4], plain[:, :4]) and (plain[:, 4] == EVEN).all()
+    assert (signs[[24, 48, 72], 4] > EVEN + 1.0).all() == (contrast > 0.0)
+    assert (signs[[12, 36, 60], 4] < EVEN).all()
+    one = divide_block(points, points[:, 2], outline, 0.3, intensity=np.full(len(points), 7.0))
+    assert one.parts == divide_block(points, points[:, 2], outline, 0.3).parts
+
+
+def whole_row() -> HouseRow:
+    """The ground of four houses."""
+    return HouseRow(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(96), np.full(96, DEPTH))
+
+
+@pytest.mark.parametrize(("length", "turn"), [(1000.0, 0.0), (400.0, 45.0)])
+def test_a_long_row_is_divided_in_little_memory(length: float, turn: float) -> None:
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(0, length, round(36 * length)), rng.uniform(0, DEPTH, round(36 * length))
+    lifted = 0.8 * rng.random(round(length / 5.0))[np.minimum(x / 5.0, length / 5.0 - 1).astype(int)]
+    z = 7.0 + lifted + SLOPE * np.minimum(y, DEPTH - y) + rng.normal(0, 0.02, len(x))
+    cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    points = np.column_stack([x * cosine - y * sine, x * sine + y * cosine, z])
+    outline = affinity.rotate(box(0, 0, length, DEPTH), turn, origin=(0, 0))
+    tracemalloc.start()
+    try:
+        parts = divide_block(points, z, outline, 0.5).parts
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(parts) > 0.9 * length / 5.0
+    assert peak < 40e6
 
 
 def sums_of_a_row(units: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

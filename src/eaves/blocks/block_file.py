@@ -22,6 +22,7 @@ from eaves.model import (
     Labels,
     Points,
     Raster,
+    Values,
 )
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
@@ -53,6 +54,8 @@ class Candidates:
     spacing: float
     not_last: NDArray[np.bool_]
     """True if the pulse returned once more from below."""
+    intensity: Values | None = None
+    """None where no method of the units takes it."""
 
     def numbers_of(self, label: int) -> NDArray[np.int64]:
         """The numbers (K,), ascending, of the points that bear a label."""
@@ -228,6 +231,8 @@ class BlockFile:
         """The points that can belong to a building."""
         which = self.candidate
         points = self.points(which)
+        others: NDArray[Any] = points["fields"] if "fields" in (points.dtype.names or ()) else points
+        has_intensity = "intensity" in (others.dtype.names or ())
         return Candidates(
             self.block,
             points["xyz"] * GRID_STEP,
@@ -238,4 +243,5 @@ class BlockFile:
             self["score"],
             self.about["spacing"],
             np.asarray(points["return_number"] < points["number_of_returns"]),
+            others["intensity"].copy() if has_intensity else None,
         )

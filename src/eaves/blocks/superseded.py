@@ -94,7 +94,8 @@ def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:
     records = np.concatenate([old, new])
     is_new = np.arange(len(records)) >= len(old)
     x, y, z = records["xyz"].T
-    fields = records["fields"].T if "fields" in (records.dtype.names or ()) else ()
+    names = records.dtype["fields"].names or () if "fields" in (records.dtype.names or ()) else ()
+    fields = (records["fields"][name] for name in names)
     columns = [x, y, z, *(records[name] for name in SAME[3:]), *fields]
     order = np.lexsort((is_new, *columns))
     starts = np.ones(len(records), bool)

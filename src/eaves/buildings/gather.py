@@ -82,7 +82,9 @@ class Gatherer:
     def points_of(self, owner: Block, plan: BuildingPlan) -> dict[str, Any] | None:
         """The building's points about the corner of its owner block, with their spacing and the score, as
         `BuildingPoints` names them; None where it has none."""
-        columns: dict[str, list[NDArray[Any]]] = {"xyz": [], "point_id": [], "part": [], "not_last": []}
+        columns: dict[str, list[NDArray[Any]]] = {
+            name: [] for name in ("xyz", "point_id", "part", "not_last", "intensity")
+        }
         score, spacing = 0.0 if plan.given is None else 1.0, 1.0
         for block, label in plan.regions:
             for result, shift in self.parts(owner, [block]):
@@ -93,11 +95,12 @@ class Gatherer:
                 else:
                     chosen = points_under(result, plan.given, shift)
                 columns["xyz"].append(result.xyz[chosen] + shift)
-                for name in ("point_id", "part", "not_last"):
-                    columns[name].append(getattr(result, name)[chosen])
+                for name in ("point_id", "part", "not_last", "intensity"):
+                    if getattr(result, name) is not None:
+                        columns[name].append(getattr(result, name)[chosen])
         if not sum(map(len, columns["xyz"])):
             return None
-        joined = {name: np.concatenate(pieces) for name, pieces in columns.items()}
+        joined = {name: np.concatenate(pieces) for name, pieces in columns.items() if pieces}
         return joined | {"xyz": snap(joined["xyz"]), "spacing": spacing, "score": score}
 
     def near(self, owner: Block, blocks: Iterable[Block], reach: Bounds, free: bool) -> Points:

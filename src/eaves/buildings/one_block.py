@@ -286,8 +286,12 @@ def complete_model(
 
 
 def records_of(cloud: PointCloud) -> NDArray[Any]:
-    """The points of a cloud about its block's corner as a store keeps them, without other fields."""
-    records = np.zeros(len(cloud), RECORD)
+    """The points of a cloud about its block's corner as a store keeps them, with the fields that methods may
+    want."""
+    wanted = [("fields", [("intensity", "<f8")])] if "intensity" in cloud.fields else []
+    records = np.zeros(len(cloud), [*RECORD.descr, *wanted])
+    if wanted:
+        records["fields"]["intensity"] = cloud.fields["intensity"]
     records["xyz"] = np.rint(cloud.xyz / GRID_STEP)
     for name, missing in {**MISSING, "point_id": np.arange(len(cloud))}.items():
         given = getattr(cloud, name)

@@ -162,7 +162,7 @@ class ScanFacts:
 
     def remarks(self) -> list[str]:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
-        shape = "crowns and roofs are separated by shape alone"
+        shape = f"crowns and roofs are separated by shape {'and colours' if self.colours and self.of_images else 'alone'}"
         checks = [
             (
                 self.of_images,
@@ -172,8 +172,12 @@ class ScanFacts:
             (
                 self.blur > 0,
                 f"walls are smoothed over {WIDTH * self.blur:.1f} m (normal distribution of {self.blur:.2f} m): "
-                "heights are sharpened for all that follows, and houses narrower than "
-                f"{2 * WIDTH * self.blur:.0f} m lose height or are lost",
+                + (
+                    f"heights are sharpened for all that follows; houses narrower than {WIDTH * self.blur:.0f} m "
+                    "lose height or are lost, and relief may be taken for houses"
+                    if self.colours
+                    else "without colours nothing tells houses from relief, and most will be lost; export colours"
+                ),
             ),
             (
                 self.rough > 0.0,
@@ -198,7 +202,7 @@ class ScanFacts:
                 "noise, which the ground filter leaves out",
             ),
             (self.likely_feet is not None, str(self.likely_feet)),
-            (not self.intensity, "no intensities: no method needs them"),
+            (not self.intensity, "no intensities: roofs that reflect otherwise do not show party walls"),
             (
                 self.strips == 1 and self.pulses,
                 "one strip: a wall is seen from one side at most, and no overlap shows how heights repeat",

@@ -47,6 +47,7 @@ from eaves.formats.crs_check import vertical_datum
 from eaves.formats.errors import require_extra
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.converted import remarks_on
+from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
 from eaves.formats.points.source import has_fields
@@ -190,16 +191,24 @@ class Run:
 
     @property
     def blur(self) -> float:
-        """Standard deviation (m) by which walls are smoothed; 0 where they are sharp."""
-        return self.facts.blur if self.fields != self.recipe.needs else 0.0
+        """Standard deviation (m) of the smoothing that is undone; 0 where walls are sharp, or no colours tell
+        roofs from relief."""
+        return self.facts.blur if self.coloured else 0.0
+
+    @property
+    def coloured(self) -> bool:
+        """True if it is of images, and every file has the colours that the detector takes."""
+        wants = self.recipe.wants_of_images
+        known = bool(wants) and self.facts.of_images
+        return known and all(has_fields(self.index.source(number), wants) for number in range(len(self.index)))
 
     @cached_property
     def fields(self) -> tuple[str, ...]:
-        """The fields of points that are read for the methods, beside coordinates, returns and classes."""
-        needs, uses, index = self.recipe.needs, self.recipe.uses, self.index
-        known = bool(uses) and self.facts.of_images
-        known = known and all(has_fields(index.source(number), uses) for number in range(len(index)))
-        return tuple(sorted({*needs, *uses})) if known else needs
+        """The fields of points that are read beside coordinates, returns and classes: those that methods
+        need, and those that they want, where no input is a text, colours of a scan without pulses alone."""
+        files = all(isinstance(source.layout, LasHeader) for source in self.index.kept.values())
+        wants = (self.recipe.wants if files else (), self.recipe.wants_of_images if self.coloured else ())
+        return tuple(sorted({*self.recipe.needs, *wants[0], *wants[1]}))
 
     @property
     def planned(self) -> set[str]:
@@ -343,7 +352,7 @@ def plan_run(
         carries_edits=carries_edits and not options["overwrite"],
         started=started,
     ).with_remarks(*remarks)
-    run = replace(run, recipe=recipe.for_scan(run.facts.blur, run.facts.rough))
+    run = replace(run, recipe=recipe.for_scan(run.blur, run.facts.rough))
     refuse_unknown_code(run)
     refuse_no_fields(run)
     if not (options["resume"] or run.by_tiles):

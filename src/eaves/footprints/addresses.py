@@ -116,7 +116,9 @@ def units_of(
     """The units the points of a block show, and how sure their walls are; none where it stays whole."""
     points = building.roof_points
     height = points[:, 2] - building.terrain.at(points)
-    division = divide_block(points, height, footprint.polygon, building.spacing, method)
+    division = divide_block(
+        points, height, footprint.polygon, building.spacing, method, building.roof_intensity
+    )
     if len(division.parts) < 2:
         return [], ()
     parts = [Footprint(part, origin=footprint.origin, score=building.score) for part in division.parts]

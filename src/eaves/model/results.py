@@ -82,6 +82,8 @@ class BuildingPoints:
         True if ground was seen beside a given footprint; None where that was not looked at.
     not_last : ndarray (N,) of bool or None
         Points whose pulses came back once more from below.
+    intensity : ndarray (N,) of float64 or None
+        Their intensities, where every file has them and the method of the units takes them.
     others : ndarray (K, 3) or None
         High points in and around it that are no building's; None of a given footprint.
     around : ndarray (K, 3) or None
@@ -111,12 +113,13 @@ class BuildingPoints:
     ground_nearest: Points | None = None
     ground_beside: bool | None = None
     not_last: NDArray[np.bool_] | None = None
+    intensity: Values | None = None
     others: Points | None = None
     around: Points | None = None
 
     def take(self, inside: Mask, **changes: Any) -> BuildingPoints:
         """The building with those of its points that a mask (N,) holds, and other fields changed."""
-        columns = ("xyz", "point_id", "part", "not_last")
+        columns = ("xyz", "point_id", "part", "not_last", "intensity")
         names = [name for name in columns if getattr(self, name) is not None]
         return replace(self, **{name: getattr(self, name)[inside] for name in names}, **changes)
 
@@ -124,6 +127,11 @@ class BuildingPoints:
     def roof_not_last(self) -> NDArray[np.bool_] | None:
         """Mask (M,) of the `roof_points` that are not the last return of a pulse; None where not known."""
         return None if self.not_last is None else np.asarray(self.not_last[self.part != WALL])
+
+    @property
+    def roof_intensity(self) -> Values | None:
+        """Intensities (M,) of the `roof_points`; None where not known."""
+        return None if self.intensity is None else np.asarray(self.intensity[self.part != WALL])
 
     @property
     def roof_points(self) -> Points:

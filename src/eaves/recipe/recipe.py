@@ -115,9 +115,14 @@ class Recipe:
         return replace(self, ground=self.ground.for_scan(blur, roughness), detect=detect)
 
     @property
-    def uses(self) -> tuple[str, ...]:
-        """The fields that the methods use of a scan without pulses."""
-        return self.detect.uses if self.detect else ()
+    def wants_of_images(self) -> tuple[str, ...]:
+        """The fields that the detector takes where every file of a scan without pulses has them."""
+        return self.detect.wants if self.detect else ()
+
+    @property
+    def wants(self) -> tuple[str, ...]:
+        """The fields of points that the methods take where every file has them."""
+        return self.units.wants if self.units else ()
 
     @property
     def sees_wide(self) -> bool:

@@ -233,8 +233,8 @@ def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, write
     for name, missing in defaults.items():
         values = getattr(inside, name)
         records[name] = missing if values is None else values
-    for number, values in enumerate(inside.fields.values()):
-        records["fields"][:, number] = values
+    for name, values in inside.fields.items():
+        records["fields"][name] = values
     place = (column - column.min()) * (int(np.ptp(row)) + 1) + row - row.min()
     if int(place.max()) < 2**16:  # so few blocks: sixteen bits sort by radix, twenty times as fast
         place = place.astype(np.uint16)

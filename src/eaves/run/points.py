@@ -104,7 +104,7 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
     arrays = {name: np.empty(total, RECORD[name]) for name, needed in fields.items() if needed}
     xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
     ordered = len(pieces) == len({square for square, *_ in pieces})
-    fields_read = np.empty((total, len(store.fields)))
+    others = {name: np.empty(total) for name in store.fields}
     for square, records, which, first in pieces:
         right, up = (round(way / GRID_STEP) for way in np.subtract(square.origin, block.origin))
         ordered &= right % PER_METRE == 0 == up % PER_METRE
@@ -113,12 +113,9 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
         number[place] = which + first
         for name, values in arrays.items():
             values[place] = records[name].take(which)
-        if store.fields:
-            fields_read[place] = records["fields"].take(which, axis=0)
-    others_by_name = dict(zip(store.fields, fields_read.T, strict=True))
-    cloud = PointCloud(
-        xyz, block.origin, **arrays, fields=others_by_name, system=store.system, ordered=ordered
-    )
+        for name, values in others.items():
+            values[place] = records["fields"][name].take(which)
+    cloud = PointCloud(xyz, block.origin, **arrays, fields=others, system=store.system, ordered=ordered)
     order = cloud.canonical_order()
     return PointWindow(block, replace(cloud.take(order), ordered=True), number.take(order), ranges, ends)
 

@@ -35,7 +35,7 @@ RECORD = np.dtype(
     ]
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner, and a digest of
-the time of its pulse. Where methods need other fields of the points, `fields` (K,) holds them."""
+the time of its pulse. Where methods take other fields of the points, `fields` holds them by name."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
@@ -51,14 +51,14 @@ class Store:
     has_classes: bool = True
     system: CoordinateSystem = CoordinateSystem()  # noqa: RUF009 (frozen)
     fields: tuple[str, ...] = ()
-    """Other fields of the points that methods need."""
+    """Other fields of the points that methods take."""
     outlasts: bool = False
     """True if a later run may find the results; only then it is worth knowing what they follow from."""
 
     @property
     def record(self) -> np.dtype[np.void]:
         """The layout of a point."""
-        fields = [("fields", "<f8", len(self.fields))] if self.fields else []
+        fields = [("fields", [(name, "<f8") for name in self.fields])] if self.fields else []
         return np.dtype([*RECORD.descr, *fields]) if fields else RECORD
 
     def key_of(self, *taken: Any) -> str:

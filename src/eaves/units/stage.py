@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from shapely import Polygon
@@ -38,7 +38,7 @@ class UnitMethod(Method):
     """Divides the outline of one detected block into the buildings that stand in it wall to wall.
 
     `divide` takes the block's roof points (N, 3), their heights above the terrain (N,) and the outline, all
-    in the same local metres.
+    in the same local metres; one that `wants` it also the points' `intensity` (N,), where the scan has it.
 
     Examples
     --------
@@ -50,14 +50,26 @@ class UnitMethod(Method):
     stage: ClassVar[str] = "units"
 
     def divide(
-        self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
+        self,
+        points: Points,
+        height: Values,
+        outline: Polygon,
+        spacing: float,
+        emit: Emit = ignore,
+        *,
+        intensity: Values | None = None,
     ) -> Division:
         """The division; see the class."""
         raise NotImplementedError
 
 
 def divide_block(
-    points: Points, height: Values, outline: Polygon, spacing: float, method: MethodChoice = None
+    points: Points,
+    height: Values,
+    outline: Polygon,
+    spacing: float,
+    method: MethodChoice = None,
+    intensity: Values | None = None,
 ) -> Division:
     """The units of a detected block.
 
@@ -73,6 +85,8 @@ def divide_block(
         Mean distance (m, > 0) of the points in plan.
     method : UnitMethod, str, mapping or None
         The method, its name, or its parameters; None is `RowWalls()`.
+    intensity : ndarray (N,) of float64 or None
+        Intensities of the points, for a method that `wants` them; None where they are not known.
 
     Returns
     -------
@@ -98,18 +112,23 @@ def divide_block(
     3
     """
     points = as_points(points)
-    check_lengths(len(points), {"height": height})
+    check_lengths(len(points), {"height": height, "intensity": intensity})
     check_positive(spacing, "spacing")
     divider = resolve_method("units", method)
     assert isinstance(divider, UnitMethod)
+    more: dict[str, Any] = {}
     good = np.flatnonzero(np.isfinite(points).all(axis=1))
     good = good[canonical_order(points[good])]
     points, height = points[good], height[good]
+    if intensity is not None and "intensity" in divider.wants:
+        more["intensity"] = intensity[good]
     finite = np.isfinite(height)
     if not finite.any():
         return Division((outline,), (1.0,))
     with naming(divider):
-        found = divider.divide(points, np.where(finite, height, np.nanmedian(height)), outline, spacing)
+        found = divider.divide(
+            points, np.where(finite, height, np.nanmedian(height)), outline, spacing, **more
+        )
     check_returned(divider, isinstance(found, Division), "a Division", found)
     held = all(isinstance(part, Polygon) for part in found.parts)
     check_returned(divider, held, "a Division of Polygons", found.parts)

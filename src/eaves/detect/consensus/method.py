@@ -102,7 +102,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         "planes, echoes, penetration, size and height judged together; borders by a graph cut"
     )
     paper: ClassVar[str] = "chen_sun_vaihingen"
-    uses: ClassVar[tuple[str, ...]] = COLOURS
+    wants: ClassVar[tuple[str, ...]] = COLOURS
 
     cell: float | None = parameter(
         None,

@@ -14,9 +14,8 @@ from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import Method, parameter
-from eaves.model import Points
 from eaves.outline.toolkit.shared_edges import welded_outlines
-from eaves.units.row_walls.evidence import WINDOW_M, wall_odds, wall_signs
+from eaves.units.row_walls.evidence import WINDOW_M, Roofs
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 
 Walls = dict[tuple[int, int], float]
@@ -90,7 +89,11 @@ def divide_outline(
 
     A wall is carried on through annexes by at most `farthest` (m).
     """
-    cuts = [outline.boundary, *wall_lines(plan, label, rows, farthest)]
+    walls = np.array(wall_lines(plan, label, rows, farthest), object)
+    corners = shapely.points(shapely.get_coordinates([outline, *walls]))
+    wall, corner = shapely.STRtree(corners).query(walls, predicate="dwithin", distance=NARROW_M)
+    necks = shapely.shortest_line(corners[corner], walls[wall])
+    cuts = [outline.boundary, *walls, *necks[shapely.length(necks) > COORDINATE_STEP]]
     pieces = [
         piece
         for piece in shapely.get_parts(
@@ -111,21 +114,20 @@ def divide_outline(
 
 
 def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int32], count: int) -> list[int]:
-    """The unit (from 0) that has most cells in each piece; a piece without goes to the neighbour
-    it shares the longest border with.
+    """The unit (from 0) that has most cells in each piece; a piece without, or one narrower than `NARROW_M`,
+    goes to the neighbour it shares the longest border with.
     """
+    wide = ~shapely.is_empty(shapely.buffer(pieces, -0.5 * NARROW_M, join_style="mitre"))
     row, column = np.nonzero(label > 0)
     numbers = label[row, column] - 1
-    x = plan.west + (column + 0.5) * CELL_M
-    y = plan.south + (row + 0.5) * CELL_M
     owner = [-1] * len(pieces)
     cell, piece = points_in_polygons(
-        np.column_stack([x, y]), *edges_of(np.array(pieces, object)), len(pieces)
+        plan.places(row, column), *edges_of(np.array(pieces, object)), len(pieces)
     )
     votes = np.bincount(piece * count + numbers[cell], minlength=len(pieces) * count).reshape(-1, count)
     for k in range(len(pieces)):
         area = CELL_M**2 * votes[k].max(initial=0)
-        if area > max(0.25 * pieces[k].area, 0.5):
+        if wide[k] and area > max(0.25 * pieces[k].area, 0.5):
             owner[k] = int(np.argmax(votes[k]))
     changed = True
     while changed:
@@ -137,6 +139,9 @@ def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int
                 changed = True
     return owner
 
+
+NARROW_M = 1.0
+"""What is narrower is no part of a house: a strip between a wall and a step of the outline."""
 
 MOST_ODDS = 5.0
 """Log-odds further from 0 are as sure as these."""
@@ -166,39 +171,30 @@ def merged_units(
     plan: Plan,
     label: NDArray[np.int32],
     rows: Sequence[RowUnits],
-    points: Points,
-    noise: float,
+    roofs: Roofs,
     limits: MergeRules,
 ) -> tuple[NDArray[np.int32], Walls]:
-    """The labels with small units given to those that they share the longest border with, and the units of
-    later rows to those of earlier ones where no wall is seen between them, numbered without gaps; and the
-    walls between them.
+    """The labels with small units given to those that they share the longest border with, numbered without
+    gaps; and the walls between them.
     """
     count = int(label.max(initial=0))
     owner = np.repeat(np.arange(len(rows)), [len(row.walls) + 1 for row in rows])
     target = np.arange(count + 1)
     area = np.bincount(label.ravel(), minlength=count + 1) * CELL_M**2
     borders = borders_between(label)
-    border: dict[tuple[int, int], float] = {}
     for unit in range(count, 0, -1):
-        neighbours = [
-            (len(places), -neighbour, places)
-            for pair, places in borders.items()
-            if unit in pair
-            for neighbour in pair
-            if neighbour != unit
-        ]
-        neighbours.sort(key=lambda entry: entry[:2], reverse=True)
-        if neighbours and area[unit] < limits.smallest_unit:
-            target[head_of(target, unit)] = head_of(target, -neighbours[0][1])
-            continue
-        for length, neighbour, places in ((length, -minus, places) for length, minus, places in neighbours):
-            if owner[neighbour - 1] >= owner[unit - 1] or length * CELL_M < limits.shortest_border:
-                continue
-            border[neighbour, unit] = border_odds(plan, places, points, noise)
-            if border[neighbour, unit] < 0.0:
-                first, second = sorted((head_of(target, unit), head_of(target, neighbour)))
-                target[second] = first
+        longest = max(
+            (
+                (len(places), -neighbour)
+                for pair, places in borders.items()
+                if unit in pair
+                for neighbour in pair
+                if neighbour != unit
+            ),
+            default=None,
+        )
+        if longest is not None and area[unit] < limits.smallest_unit:
+            target[head_of(target, unit)] = head_of(target, -longest[1])
     target = np.array([head_of(target, unit) for unit in range(count + 1)])
     names, number = np.unique(target[label], return_inverse=True)
     number = number.reshape(label.shape)
@@ -217,9 +213,7 @@ def merged_units(
             continue
         if len(places) * CELL_M < limits.shortest_border:
             continue
-        if (a, b) not in border:
-            border[a, b] = border_odds(plan, places, points, noise)
-        walls[first, second] = sure_on_border(border[a, b])
+        walls[first, second] = sure_on_border(border_odds(plan, places, roofs))
     return number.astype(np.int32), walls
 
 
@@ -251,11 +245,9 @@ def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[n
     }
 
 
-def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, noise: float) -> float:
+def border_odds(plan: Plan, places: NDArray[np.float64], roofs: Roofs) -> float:
     """Log-odds of a wall along the border through places (M, 2; row, column), from the points beside it."""
-    xy = np.column_stack(
-        [plan.west + (places[:, 1] + 0.5) * CELL_M, plan.south + (places[:, 0] + 0.5) * CELL_M]
-    )
+    xy = plan.places(*places.T)
     centre = xy.mean(axis=0)
     _, _, axes = np.linalg.svd(xy - centre, full_matrices=False)
     across = axes[0] * (1.0 if axes[0][int(np.argmax(np.abs(axes[0])))] > 0 else -1.0)
@@ -265,7 +257,7 @@ def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, noise: 
     row = HouseRow(
         centre - WINDOW_M * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
     )
-    odds = wall_odds(wall_signs(row, points, noise))
+    odds = roofs.wall_odds(row)
     return float(odds[steps // 2 - 2 : steps // 2 + 3].max())
 
 

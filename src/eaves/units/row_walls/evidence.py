@@ -7,6 +7,8 @@ and lines. So neither where a row begins nor a millimetre decides.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from eaves.detect.toolkit.cells import Cells
@@ -29,6 +31,12 @@ WIDE = 3
 
 CROSSING_M = 0.6
 """Planes that cross this near (m) to a place meet there in a fold and make no step."""
+
+RISE_M = 0.25
+"""What stands so much over both roofs is a fire wall or a chimney: more than tiles and noise."""
+
+FEW = 0.03
+"""A share of points that rise that counts half as much again as the last: a chimney a wall."""
 
 LEAST_WEIGHT = 1e-6
 """What weighs less than this says nothing of a wall."""
@@ -56,6 +64,27 @@ less noise is judged as one of this, and so is one that no square has points eno
 """
 
 
+@dataclass(frozen=True, eq=False)
+class Roofs:
+    """The roof points (N, 3) of a block, their noise (m), and where they are known the logarithms (N,) of
+    their intensities."""
+
+    points: Points
+    noise: float
+    reflectance: Values | None = None
+
+    @classmethod
+    def of(cls, points: Points, intensity: Values | None = None) -> Roofs:
+        """The roofs of points (N, 3) with intensities (N,); of one value alone they say nothing."""
+        if intensity is None or np.ptp(intensity) == 0.0:
+            return cls(points, roof_noise(points))
+        return cls(points, roof_noise(points), np.log(np.maximum(intensity, 1.0)))
+
+    def wall_odds(self, row: HouseRow) -> Values:
+        """Log-odds (S + 1,) of a party wall at each step along a row."""
+        return wall_odds(wall_signs(row, self.points, self.noise, self.reflectance))
+
+
 def roof_noise(points: Points) -> float:
     """Standard deviation (m) in height of points (N, 3) about their roofs, from planes in small squares; at
     least `USUAL_NOISE_M`.
@@ -71,37 +100,70 @@ def roof_noise(points: Points) -> float:
     return max(measured, USUAL_NOISE_M)
 
 
-def wall_signs(row: HouseRow, points: Points, noise: float) -> Values:
-    """The signs (S + 1, 3) of a wall at each step along the row, from its roof points (N, 3): the share
-    of its depth that steps, the mean folds (slopes) of valleys and of ridges; means over `PLACEMENTS`."""
+def wall_signs(row: HouseRow, points: Points, noise: float, reflectance: Values | None = None) -> Values:
+    """The signs (S + 1, 5) of a wall at each step along the row, from its roof points (N, 3): the share
+    of its depth that steps, the mean folds (slopes) of valleys and of ridges, the share of points at the line
+    that rise over both roofs, and how much the `reflectance` (N,; logarithms of intensity) of the two roofs
+    differs, in multiples of its own noise, as a logarithm; means over `PLACEMENTS`.
+    """
     s, t = row.coordinates(points[:, :2])
     filled = row.last > row.first
     nearest = float(row.first[filled].min()) - DEPTH_STEP_M
-    signs = np.zeros((len(row.first) + 1, 3))
+    signs = np.zeros((len(row.first) + 1, 6))
+    seen = np.zeros(len(points)) if reflectance is None else reflectance
     for along, across in PLACEMENTS:
         low = nearest - across * DEPTH_STEP_M
         depths = int((row.last.max() - low) / DEPTH_STEP_M) + 2
         line = low + np.arange(depths) * DEPTH_STEP_M
-        moments = moments_kernel(s - along * CELL_M, t - low, points[:, 2], depths, len(row.first))
+        place = s - along * CELL_M
+        moments = moments_kernel(place, t - low, points[:, 2], seen, depths, len(row.first))
         within = np.minimum(line[:, None] - row.first, row.last - line[:, None]) / DEPTH_STEP_M + 0.5
-        signs += signs_kernel(moments, np.clip(within, 0.0, 1.0), round(WINDOW_M / CELL_M), noise)
-    return signs / len(PLACEMENTS)
+        found, planes = signs_kernel(moments, np.clip(within, 0.0, 1.0), round(WINDOW_M / CELL_M), noise)
+        found[:, 3] = rise_kernel(place, t - low, points[:, 2], planes)
+        signs += found
+    signs /= len(PLACEMENTS)
+    contrast = np.full(len(signs), EVEN)
+    if reflectance is not None:
+        contrast = np.log(np.maximum(signs[:, 4], np.exp(EVEN) * LEAST_WEIGHT))
+        contrast -= np.log(np.maximum(signs[:, 5], LEAST_WEIGHT))
+    return np.column_stack([signs[:, :4], np.where(signs[:, 5] > LEAST_WEIGHT, contrast, EVEN)])
 
 
-WEIGHTS = {"one": -4.7, "share": 6.13, "ridge": -12.59, "full valley": 3.03}
-"""Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
+EVEN = 1.3
+"""Contrast that speaks neither for a wall nor against it: in both towns of `benchmarks.accuracy.walls` its
+log-odds pass 0 between 0.9 and 1.8."""
+
+WEIGHTS = {
+    "one": -4.7,
+    "share": 6.13,
+    "ridge": -12.59,
+    "full valley": 3.03,
+    "rise": 1.7,
+    "contrast": 1.0,
+}
+"""Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights` on drawn
+towns, those of rise and contrast upon them by `python -m benchmarks.accuracy.walls` on two real ones."""
 
 
 def wall_odds(signs: Values) -> Values:
-    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 3), by logistic regression."""
+    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 5), by logistic regression."""
     return np.asarray(traits_of(signs) @ np.array(list(WEIGHTS.values())))
 
 
 def traits_of(signs: Values) -> Values:
     """The columns (S + 1, K) that `WEIGHTS` weigh."""
-    share, valley, ridge = signs.T
+    share, valley, ridge, rise, contrast = signs.T
     full = np.clip(2.0 * valley - 0.5, 0.0, 1.0)
-    return np.column_stack([np.ones(len(signs)), share, np.minimum(ridge, 0.6), full])
+    return np.column_stack(
+        [
+            np.ones(len(signs)),
+            share,
+            np.minimum(ridge, 0.6),
+            full,
+            np.log1p(rise / FEW),
+            np.clip(contrast, 0.0, 4.0) - EVEN,
+        ]
+    )
 
 
 @kernel
@@ -109,15 +171,17 @@ def moments_kernel(
     s: Values,
     t: Values,
     z: Values,
+    reflectance: Values,
     depths: int,
     steps: int,
 ) -> Values:
-    """Running sums (D, S + 1, 10) of 1, s, t, s², s t, t², z, s z, t z, z² along each of D lines of S steps.
+    """Running sums (D, S + 1, 12) of 1, s, t, s², s t, t², z, s z, t z, z² and of the reflectance and its
+    square along each of D lines of S steps.
 
     A point counts for the four nearest nodes by its nearness to each, so that it passes from one to the next
     as it moves; a line then takes half of those beside it. t counts from the first line.
     """
-    cells = np.zeros((depths, steps + 1, 10))
+    cells = np.zeros((depths, steps + 1, 12))
     for k in range(len(s)):
         place, depth = s[k] / CELL_M - 0.5, t[k] / DEPTH_STEP_M
         left, under = int(np.floor(place)), int(np.floor(depth))
@@ -137,25 +201,32 @@ def moments_kernel(
                 node[7] += weight * s[k] * z[k]
                 node[8] += weight * t[k] * z[k]
                 node[9] += weight * z[k] * z[k]
+                node[10] += weight * reflectance[k]
+                node[11] += weight * reflectance[k] * reflectance[k]
     for j in range(steps):
         cells[:, j + 1] += cells[:, j]
-    sums = cells.copy()
-    sums[1:] += 0.5 * cells[:-1]
-    sums[:-1] += 0.5 * cells[1:]
-    return sums
+    before = np.zeros_like(cells[0])
+    for i in range(depths):  # in place: of a row of a kilometre they take megabytes
+        here = cells[i].copy()
+        cells[i] += 0.5 * before
+        if i + 1 < depths:
+            cells[i] += 0.5 * cells[i + 1]
+        before = here
+    return cells
 
 
 @kernel
 def side_kernel(
     sums: Values, at: int, way: int, room: int, s0: float, t0: float, noise: float
-) -> tuple[float, float, float, float]:
-    """Planarity (0 to 1) of the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`;
-    how many they are, the height of their plane at (s0, t0), and its slope along the row.
+) -> tuple[float, float, float, float, float, float, float]:
+    """Planarity (0 to 1) of the points beside step `at` of a line (`sums` (S + 1, 12)), on the side `way`;
+    how many they are, the height of their plane at (s0, t0), its slopes along and across the row, the mean of
+    their reflectance and its variance.
 
     Three windows, at most `room` steps wide, and the same farther away: each takes of what those before it
     left as much as its points lie on a plane.
     """
-    remainder, count, height, slope = 1.0, 0.0, 0.0, 0.0
+    remainder, count, height, slope, fall, shine, spread = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for attempt in range(6):
         if remainder < LEAST_REMAINDER:
             break
@@ -181,17 +252,23 @@ def side_kernel(
         count += weight * n
         height += weight * (z + east * (s0 - s) + north * (t0 - t))
         slope += weight * east
+        fall += weight * north
+        shine += weight * q[10] / n
+        spread += weight * max(q[11] / n - (q[10] / n) ** 2, 0.0)
     flat = 1.0 - remainder
     if flat < 1e-6:
-        return 0.0, 0.0, 0.0, 0.0
-    return flat, count / flat, height / flat, slope / flat
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    return flat, count / flat, height / flat, slope / flat, fall / flat, shine / flat, spread / flat
 
 
 @kernel
-def signs_kernel(sums: Values, ground: Values, window: int, noise: float) -> Values:
-    """The signs at each of S + 1 steps; see `wall_signs`."""
+def signs_kernel(sums: Values, ground: Values, window: int, noise: float) -> tuple[Values, Values]:
+    """The signs (S + 1, 6) at each of S + 1 steps, of reflectance the squares of the differences and what
+    noise makes of them; and the planes (D, S + 1, 7) on the two sides of each node of the lines: weight, then
+    height and slopes of each.
+    """
     depths, steps = ground.shape
-    signs = np.zeros((steps + 1, 3))
+    signs, planes = np.zeros((steps + 1, 6)), np.zeros((depths, steps + 1, 7))
     straight = 2.0 * noise + 0.03
     for j in range(1, steps):
         place = j * CELL_M
@@ -201,24 +278,54 @@ def signs_kernel(sums: Values, ground: Values, window: int, noise: float) -> Val
             if here == 0.0:
                 continue
             depth = DEPTH_STEP_M * i
-            good, n, before, rise = side_kernel(sums[i], j, -1, window, place, depth, straight)
+            good, n, before, rise, north, bright, bright_spread = side_kernel(
+                sums[i], j, -1, window, place, depth, straight
+            )
             if here * good < LEAST_WEIGHT:
                 continue
-            fine, m, after, fall = side_kernel(sums[i], j, 1, window, place, depth, straight)
+            fine, m, after, fall, south, dark, dark_spread = side_kernel(
+                sums[i], j, 1, window, place, depth, straight
+            )
             weight = here * good * fine
             if weight < LEAST_WEIGHT:
                 continue
             total += weight
+            planes[i, j, 0] = weight
+            planes[i, j, 1:4] = before, rise, north
+            planes[i, j, 4:] = after, fall, south
             jump = abs(after - before)
             fold = min(max(fall - rise, -1.5), 1.5)
             crossing = (CROSSING_M * abs(fold)) ** 4
             jump *= jump**4 / (jump**4 + crossing + 1e-9)
             least = max(3.0 * noise * np.sqrt(4.0 / n + 4.0 / m), 0.08)
             signs[j, 0] += weight / (1.0 + (least / max(jump, 1e-3)) ** 8)
+            signs[j, 4] += weight * (dark - bright) ** 2
+            signs[j, 5] += weight * (bright_spread / n + dark_spread / m)
             weight /= 1.0 + (jump / 0.5) ** 8
             if fold > 0.0:
                 signs[j, 1] += weight * fold
             else:
                 signs[j, 2] -= weight * fold
         signs[j] /= total + 0.5
-    return signs
+    return signs, planes
+
+
+@kernel
+def rise_kernel(s: Values, t: Values, z: Values, planes: Values) -> Values:
+    """The share (S + 1,) of the points beside each step that rise over the planes (D, S + 1, 7) of both
+    sides; a point counts for the steps and lines around it by its nearness.
+    """
+    depths, steps = planes.shape[:2]
+    sums = np.zeros((steps, 2))
+    for k in range(len(s)):
+        place, depth = s[k] / CELL_M, t[k] / DEPTH_STEP_M
+        for i in range(max(int(np.floor(depth)), 0), min(int(np.floor(depth)) + 2, depths)):
+            for j in range(max(int(place) - 1, 1), min(int(place) + 3, steps)):
+                near = (1.0 - 0.5 * abs(place - j)) * (1.0 - abs(depth - i)) * planes[i, j, 0]
+                if near < LEAST_WEIGHT:
+                    continue
+                x, y, p = s[k] - j * CELL_M, t[k] - i * DEPTH_STEP_M, planes[i, j]
+                over = z[k] - max(p[1] + p[2] * x + p[3] * y, p[4] + p[5] * x + p[6] * y)
+                sums[j, 0] += near
+                sums[j, 1] += near / (1.0 + (RISE_M / max(over, 1e-3)) ** 8)
+    return sums[:, 1] / (sums[:, 0] + 0.5)

@@ -18,7 +18,7 @@ from eaves.units.row_walls.division import (
     label_unit_cells,
     merged_units,
 )
-from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
+from eaves.units.row_walls.evidence import Roofs
 from eaves.units.row_walls.rows import CELL_M, HOUSE_M, SAME_DEG, HouseRow, Plan, RowRules, rows_of
 from eaves.units.stage import Division, UnitMethod
 
@@ -29,12 +29,13 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     Behind each of the long fronts of a block, longest first, lies the ground of a row; walls run along
     the direction in which heights change most alike at all depths. At every quarter of a metre along a
     row planes are fitted to the points on both sides, in lines half a metre apart, and compared: steps,
-    valleys, and against them ridges, give the odds of a party wall there by logistic regression. A division
+    valleys, what rises over both roofs, a change of reflectance, and against them ridges, give the odds of a
+    party wall there by logistic regression. A scan without intensities lacks that term alone. A division
     of the row is as likely as the product of the odds of its walls and of the widths of its units. Houses of
     one width make weak signs at equal distances likely: each width counts as much as the row's signs are
     likely under it, so it comes from the scan alone. A wall stands where enough of all divisions have one:
-    the sums over them change little where the points do, the best of them may be any of many. Rows that meet
-    without a wall are one; walls are carried on through annexes.
+    the sums over them change little where the points do, the best of them may be any of many. Walls
+    are carried on through annexes; what they leave narrower than a metre goes to the other side.
 
     Formula
     -------
@@ -50,9 +51,10 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     Own method; the sums over divisions are those of [rabiner1989] for states of explicit duration. The
     weights of the signs, and how sure walls are, were learned on six towns
     (`benchmarks/accuracy/unit_weights.py`): a real town's models of 853 buildings and five drawn at random,
-    scanned at 10/m². Of fourteen signs these three tell the walls of a town left out best. Whether a block is
-    several buildings at all was learned on these towns at 10 and 3/m² and on drawn houses with wings, halls
-    and rows.
+    scanned at 10/m². Of fourteen signs three tell the walls of a town left out best; the weights of rises
+    and of reflectance, which drawn towns lack, come from the maps of two real ones
+    (`benchmarks/accuracy/walls.py`). Whether a block is several buildings at all was learned on these
+    six at 10 and 3/m² and on drawn houses with wings, halls and rows.
 
     Fails where
     -----------
@@ -74,6 +76,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     name: ClassVar[str] = "row_walls"
     idea: ClassVar[str] = "Rows along fronts, each divided where its points show walls, by one sum."
     paper: ClassVar[str] = "rabiner1989"
+    wants: ClassVar[tuple[str, ...]] = ("intensity",)
 
     likeness: float = parameter(
         0.07,
@@ -99,7 +102,14 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     )
 
     def divide(
-        self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
+        self,
+        points: Points,
+        height: Values,
+        outline: Polygon,
+        spacing: float,
+        emit: Emit = ignore,
+        *,
+        intensity: Values | None = None,
     ) -> Division:
         """The division; see the class."""
         undivided = Division((outline,), (1.0,))
@@ -107,15 +117,15 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         rows = list(rows_of(plan, directions_of(outline, self.shortest_front), self))
         if not rows:
             return undivided
-        noise = roof_noise(points)
-        odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
+        roofs = Roofs.of(points, intensity)
+        odds = [roofs.wall_odds(row) for row in rows]
         units = [self.walls_of(row, row_odds) for row, row_odds in zip(rows, odds, strict=True)]
         emit("rows", rows)
         if odds_of_several(units, odds, len(points), outline.area) < SURE:  # a house of wings stays one
             return undivided
         label = np.zeros(plan.main.shape, np.int32)
         label_unit_cells(plan, label, units, 1)
-        label, walls = merged_units(plan, label, units, points, noise, self)
+        label, walls = merged_units(plan, label, units, roofs, self)
         if label.max() < 2:
             return undivided
         parts, number = divide_outline(outline, plan, label, units, self.carried_on)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
@@ -83,28 +84,36 @@ class RowRules(Method):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Cells of a block: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
+    """Cells of a block along its own length, for a row on the diagonal fills no square: `main` (H, W), `west`
+    and `south` (m) the corner of cell (0, 0) in coordinates turned by `turn` (2, 2)."""
 
     main: Mask
     height: Values
     """Mean height (m) of the points in each cell (H, W), NaN where there is none."""
     west: float
     south: float
+    turn: Values
     outline: Polygon
 
     @classmethod
     def of(cls, outline: Polygon, points: Points) -> Plan:
         """The cells over an outline, with the heights of points (N, 3)."""
-        west, south, east, north = outline.bounds
+        sides = np.diff(shapely.get_coordinates(shapely.oriented_envelope(outline)), axis=0)
+        along = sides[np.argmax(np.hypot(*sides.T))]
+        along = along / np.hypot(*along)
+        turn = np.array([along, [-along[1], along[0]]])
+        turned = shapely.transform(outline, lambda xy: xy @ turn.T)
+        west, south, east, north = turned.bounds
         west, south = west - 2.0, south - 2.0
         columns, rows = int((east - west + 2.0) / CELL_M) + 1, int((north - south + 2.0) / CELL_M) + 1
         x = west + (np.arange(columns) + 0.5) * CELL_M
         y = south + (np.arange(rows) + 0.5) * CELL_M
         places = [part.ravel() for part in np.meshgrid(x, y)]
-        shapely.prepare(outline)
-        main = shapely.contains_xy(outline, *places)
-        column = np.clip(((points[:, 0] - west) / CELL_M).astype(np.int64), 0, columns - 1)
-        row = np.clip(((points[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
+        shapely.prepare(turned)
+        main = shapely.contains_xy(turned, *places)
+        xy = points[:, :2] @ turn.T
+        column = np.clip(((xy[:, 0] - west) / CELL_M).astype(np.int64), 0, columns - 1)
+        row = np.clip(((xy[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
         cell = row * columns + column
         count, total = (
             ndimage.uniform_filter(
@@ -113,14 +122,19 @@ class Plan:
             for weights in (None, points[:, 2])
         )
         height = np.where(count > 1e-9, total / np.maximum(count, 1e-9), np.nan)
-        return cls(main.reshape(rows, columns), height, west, south, outline)
+        return cls(main.reshape(rows, columns), height, west, south, turn, outline)
 
     def cells(self, x: Values, y: Values) -> tuple[Integers, Integers]:
         """Row and column of the cells that places lie in, held inside the plan's empty rim."""
         rows, columns = self.main.shape
-        column = ((x - self.west) / CELL_M).astype(np.int64)
-        row = ((y - self.south) / CELL_M).astype(np.int64)
+        column = ((x * self.turn[0, 0] + y * self.turn[0, 1] - self.west) / CELL_M).astype(np.int64)
+        row = ((x * self.turn[1, 0] + y * self.turn[1, 1] - self.south) / CELL_M).astype(np.int64)
         return np.minimum(np.maximum(row, 0), rows - 1), np.minimum(np.maximum(column, 0), columns - 1)
+
+    def places(self, row: NDArray[Any], column: NDArray[Any]) -> Values:
+        """x, y (K, 2) of the middles of cells."""
+        turned = [self.west + (column + 0.5) * CELL_M, self.south + (row + 0.5) * CELL_M]
+        return np.asarray(np.column_stack(turned) @ self.turn)
 
 
 @dataclass(frozen=True, eq=False)
