@@ -200,7 +200,9 @@ class Run:
         """True if it is of images, and every file has the colours that the detector takes."""
         wants = self.recipe.wants_of_images
         known = bool(wants) and self.facts.of_images
-        return known and all(has_fields(self.index.source(number), wants) for number in range(len(self.index)))
+        return known and all(
+            has_fields(self.index.source(number), wants) for number in range(len(self.index))
+        )
 
     @cached_property
     def fields(self) -> tuple[str, ...]:

@@ -68,7 +68,9 @@ def edge_widths(surface: Surface, known: Mask, cell: float) -> Values:
     return np.asarray(rise[chosen] / slope[chosen])
 
 
-def gridded(xyz: Points, cell: float, shape: tuple[int, int], origin: tuple[float, float]) -> tuple[Surface, Mask]:
+def gridded(
+    xyz: Points, cell: float, shape: tuple[int, int], origin: tuple[float, float]
+) -> tuple[Surface, Mask]:
     """Mean heights (H, W) of points (N, 3) in cells from an origin (m), rows to the north, of the nearest cell
     where there is none; and the cells that hold a point, or lie in a gap of a few cells."""
     place = np.floor((xyz[:, :2] - origin) / cell).astype(np.int64)

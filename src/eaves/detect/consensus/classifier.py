@@ -369,7 +369,11 @@ def measured_terms(
     of_cells = cell_shape(evidence, cells, company, enclosed, roofs, limits.enclosed, max_residual)
     # colours object to no glass, and smoothed crowns are even
     echoes_speak = evidence.terrain is None
-    even = echoes_speak & (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
+    even = (
+        echoes_speak
+        & (segments.area >= limits.even_area)
+        & (segments.residual <= limits.even_residual * max_residual)
+    )
     several, through = evidence.multi_return_share[cells], evidence.penetration[cells]
     seen = np.flatnonzero(evidence.candidate[cells])
     inner = evidence.inner_share[cells], evidence.inner_penetration[cells]

@@ -55,9 +55,7 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
             none, nothing = np.zeros(len(chunk), np.uint8), np.zeros(0)
             classes = none if chunk.classification is None else chunk.classification
             strips = none.astype(np.uint16)
-            yield Sample(
-                chunk.xyz, none, none, classes, strips, nothing, False, False, False, len(chunk)
-            )
+            yield Sample(chunk.xyz, none, none, classes, strips, nothing, False, False, False, len(chunk))
             left -= len(chunk)
             if left <= 0:
                 return
