@@ -1,7 +1,8 @@
 """A village from drone images, judged by roofs that were marked in its colours before any code was changed.
 
-Run `python -m benchmarks.accuracy.image_marks SURVEY [MARKS]`: SURVEY is `churo.laz`, built by the command. The crop
-is parted into windows of 100 m; every roof to be seen in every second one (a chessboard) is in `churo_marks.csv` with its
+Run `python -m benchmarks.accuracy.image_marks SURVEY [MARKS]`: SURVEY is `churo.laz`, built by the command.
+The crop is parted into windows of 100 m; every roof to be seen in every second one (a chessboard) is in
+`churo_marks.csv` with its
 middle, length and width. Some marks lie outside the windows: roofs that reach in, so that none of them counts
 as false.
 """

@@ -138,8 +138,8 @@ class Method(BaseModel):
     """Fields of the points, beside coordinates, returns and classes, that a ground filter or a detector finds
     in `PointCloud.fields`; they are read for it alone."""
     wants: ClassVar[tuple[str, ...]] = ()
-    """Fields that a method does without: a unit method is given `intensity` where the files have it, a detector
-    finds colours in `PointCloud.fields` where every file of a scan without pulses has them."""
+    """Fields that a method does without: a unit method is given `intensity` where the files have it, a
+    detector finds colours in `PointCloud.fields` where every file of a scan without pulses has them."""
 
     def for_scan(self, blur: float, roughness: float) -> Self:
         """The method for a scan whose walls are smoothed by a normal distribution of `blur` (m), and that is

@@ -94,7 +94,7 @@ class ScanFacts:
     pieces : int
         Parts of the area that do not touch; half the area is in those of at most `piece_m2`.
     roughness : float or None
-        Fifth percentile of the RMSE (m) of points across the planes of squares of 3 m; None where too few are there.
+        Fifth percentile of the RMSE (m) across the planes of squares of 3 m; None for too few points.
     blur : float
         Standard deviation (m) by which walls are smoothed in a scan without pulses; 0 where they are sharp.
     colours : bool
@@ -162,7 +162,15 @@ class ScanFacts:
 
     def remarks(self) -> list[str]:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
-        shape = f"crowns and roofs are separated by shape {'and colours' if self.colours and self.of_images else 'alone'}"
+        witness = "and colours" if self.colours and self.of_images else "alone"
+        shape = f"crowns and roofs are separated by shape {witness}"
+        wall = WIDTH * self.blur
+        sharpened = (
+            f"heights are sharpened for all that follows; houses narrower than {wall:.0f} m lose height or "
+            "are lost, and relief may be taken for houses"
+            if self.colours
+            else "without colours nothing tells houses from relief, and most will be lost; export colours"
+        )
         checks = [
             (
                 self.of_images,
@@ -171,18 +179,12 @@ class ScanFacts:
             ),
             (
                 self.blur > 0,
-                f"walls are smoothed over {WIDTH * self.blur:.1f} m (normal distribution of {self.blur:.2f} m): "
-                + (
-                    f"heights are sharpened for all that follows; houses narrower than {WIDTH * self.blur:.0f} m "
-                    "lose height or are lost, and relief may be taken for houses"
-                    if self.colours
-                    else "without colours nothing tells houses from relief, and most will be lost; export colours"
-                ),
+                f"walls are smoothed over {wall:.1f} m (standard deviation {self.blur:.2f} m): {sharpened}",
             ),
             (
                 self.rough > 0.0,
-                f"flat places are rough by {self.roughness or 0:.2f} m, more than {SMOOTH_M} m: rougher surfaces "
-                "are taken for roofs, and so may be crowns",
+                f"flat places are rough by {self.roughness or 0:.2f} m, more than {SMOOTH_M} m: rougher "
+                "surfaces are taken for roofs, and so may be crowns",
             ),
             (self.returns == NO_RETURNS and self.pulses, f"no return numbers: {shape}"),
             (self.returns == SINGLE and self.pulses, f"0 % of pulses split: {shape}"),

@@ -354,7 +354,7 @@ def plan_run(
         carries_edits=carries_edits and not options["overwrite"],
         started=started,
     ).with_remarks(*remarks)
-    run = replace(run, recipe=recipe.for_scan(run.blur, run.facts.rough))
+    run = replace(run, recipe=recipe.for_scan(run.blur, run.facts.rough if run.coloured else 0.0))
     refuse_unknown_code(run)
     refuse_no_fields(run)
     if not (options["resume"] or run.by_tiles):

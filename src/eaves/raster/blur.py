@@ -1,4 +1,4 @@
-"""Surfaces that were smoothed as they were made, as some programs match images: how far, and what was there."""
+"""Surfaces that were smoothed as they were made, as by image matching: how far, and what was there."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LEVEL = 0.15
 FARTHEST_M = 10.0
 """An edge is followed so far (m) to either side; what goes on is a slope."""
 SHARPEST = 10.0
-"""Percentile of the widths of the edges that tells sharp walls: where so few are as wide as these, none is sharp."""
+"""Percentile of the widths of the edges that is one of sharp walls, where there are any."""
 FEWEST = 1000
 """Edges, in cells, that a blur is measured on, at least: the walls of a dozen houses."""
 WIDTH = (2.0 * np.pi) ** 0.5
@@ -42,7 +42,7 @@ def edge_widths(surface: Surface, known: Mask, cell: float) -> Values:
     cell : float
         Side of a cell (m).
     """
-    south, east = np.gradient(surface, cell)
+    south, east = (np.asarray(np.gradient(surface, cell, axis=axis)) for axis in (0, 1))
     steep = np.hypot(south, east)
     row, column = np.nonzero(known & (steep > STEP_M / FARTHEST_M))
     slope = steep[row, column]
@@ -71,8 +71,8 @@ def edge_widths(surface: Surface, known: Mask, cell: float) -> Values:
 def gridded(
     xyz: Points, cell: float, shape: tuple[int, int], origin: tuple[float, float]
 ) -> tuple[Surface, Mask]:
-    """Mean heights (H, W) of points (N, 3) in cells from an origin (m), rows to the north, of the nearest cell
-    where there is none; and the cells that hold a point, or lie in a gap of a few cells."""
+    """Mean heights (H, W) of points (N, 3) in cells from an origin (m), rows to the north, of the nearest
+    cell where there is none; and the cells that hold a point, or lie in a gap of a few cells."""
     place = np.floor((xyz[:, :2] - origin) / cell).astype(np.int64)
     inside = ((place >= 0) & (place < shape[::-1])).all(axis=1)
     number = place[inside, 1] * shape[1] + place[inside, 0]
@@ -94,12 +94,12 @@ BOUND = 2.0
 
 
 def measure_blur(xyz: Points) -> float:
-    """Standard deviation (m) by which the steps of points (N, 3) are smoothed; 0 where walls are as sharp as the
-    spacing shows, or too few edges are seen.
+    """Standard deviation (m) by which the steps of points (N, 3) are smoothed; 0 where walls are as sharp as
+    the spacing shows, or too few edges are seen.
 
-    The blur is the median width of all edges of 2 m and more in squares of 120 m, over that of a wall smoothed by
-    a normal distribution of one; on drawn clouds .8 to .95 of what was drawn. Where a tenth of the edges is up to
-    two cells wide there are sharp walls, and no blur.
+    The blur is the median width of all edges of 2 m and more in squares of 120 m, over that of a wall
+    smoothed by a normal distribution of one; on drawn clouds .8 to .95 of what was drawn. Where a tenth of
+    the edges is up to two cells wide there are sharp walls, and no blur.
     """
     square = np.floor(xyz[:, :2] / SQUARE_M).astype(np.int64)
     squares, of, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
@@ -119,16 +119,16 @@ def measure_blur(xyz: Points) -> float:
     found = np.concatenate(widths) if widths else np.zeros(0)
     if len(found) < FEWEST:
         return 0.0
-    sharp, width = np.percentile(found, [SHARPEST, 50.0])
-    return float(width) / WIDTH if sharp > BOUND * float(np.median(cells)) else 0.0
+    sharp, width = (float(np.percentile(found, share)) for share in (SHARPEST, 50.0))
+    return width / WIDTH if sharp > BOUND * float(np.median(cells)) else 0.0
 
 
 def without_blur(surface: Surface, sigma: float) -> Surface:
     """A surface (H, W) as it was before it was smoothed.
 
     Minimises ½ |g * u - z|² + λ Σ |∇u|, g the normal distribution of `sigma` cells, z the surface, by the
-    primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall of what is left of each ramp.
-    """
+    primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall of what is left of each
+    ramp."""
     rows, columns = surface.shape
     margin = int(3.0 * sigma) + 4
     tall, wide = (fft.next_fast_len(size + 2 * margin, real=True) for size in surface.shape)
@@ -161,8 +161,8 @@ def without_blur(surface: Surface, sigma: float) -> Surface:
 
 
 def shocked(surface: Surface) -> Surface:
-    """A surface (H, W) whose ramps are walls: lowered where it bends up along its slope, raised where it bends
-    down, by the slope itself."""
+    """A surface (H, W) whose ramps are walls: lowered where it bends up along its slope, raised where it
+    bends down, by the slope itself."""
     for _ in range(SHOCKS):
         smooth = ndimage.gaussian_filter(surface, 1.0)
         south, east = np.gradient(smooth)
@@ -183,8 +183,8 @@ FLATTEST = 5.0
 
 
 def measure_roughness(xyz: Points, side: float = 3.0, fewest: int = 6) -> float:
-    """Fifth percentile of the RMSE (m) of points (N, 3) across the planes of squares of a side (m) with `fewest`
-    points or more; NaN where no square has as many."""
+    """Fifth percentile of the RMSE (m) of points (N, 3) across the planes of squares of a side (m) with
+    `fewest` points or more; NaN where no square has as many."""
     local = xyz - xyz[:1]
     place = np.floor(local[:, :2] / side).astype(np.int64)
     cells, cell, count = np.unique(place, axis=0, return_inverse=True, return_counts=True)

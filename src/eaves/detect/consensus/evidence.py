@@ -19,7 +19,7 @@ from eaves.model import Integers, Labels, Mask, PointCloud, Points, Scene, Value
 COLOURS = ("red", "green", "blue")
 """Fields of the colours that a camera sees."""
 FULL_8, FULL_16 = 255.0, 65535.0
-"""The largest value of a colour, of 8 and of 16 bits: some programs write the former into files of the latter."""
+"""The largest value of a colour, of 8 and of 16 bits: some programs write the former for the latter."""
 SHADE = 0.5
 """Weight of the light that is missing beside the excess green."""
 
@@ -52,7 +52,7 @@ class Evidence:
     height: Values
     """Mean height (m) of the cell's candidate points over the terrain."""
     terrain: tuple[float, float] | None = None
-    """Mean and variance of the sign of leaves on the terrain, of a scan that has colours and splits no pulse."""
+    """Mean and variance of the sign of leaves on the terrain, where colours are that sign."""
 
     @property
     def shape(self) -> tuple[int, int]:

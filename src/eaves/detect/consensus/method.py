@@ -112,8 +112,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     )
     roughness: float = parameter(
         0.0,
-        "Roughness of the scan beyond that of laser scans; seven times as much is added to `max_residual`. A run "
-        "measures it.",
+        "Roughness of the scan beyond that of laser scans; seven times as much is added to `max_residual`. "
+        "A run measures it.",
         unit="m",
         ge=0.0,
     )

@@ -31,8 +31,8 @@ from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY
 
 SMOOTHED_WEIGHT = 1.0
-"""`level_weight` where walls were smoothed: sharpened again, a low one uphill is level. Chosen on drawn clouds of
-images (`benchmarks.accuracy.image_towns`, the first seeds)."""
+"""`level_weight` where walls were smoothed: sharpened again, a low one uphill is level. Chosen on drawn
+clouds of images (`benchmarks.accuracy.image_towns`, the first seeds)."""
 
 
 def rim_points(sure: Points, bounds: Bounds, rules: AdaptiveTin) -> Points:
