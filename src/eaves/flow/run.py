@@ -199,7 +199,7 @@ class Run:
     def coloured(self) -> bool:
         """True if it is of images, and every file has the colours that the detector takes."""
         wants = self.recipe.wants_of_images
-        known = bool(wants) and self.facts.of_images
+        known = bool(wants) and self.facts.of_images and self.facts.colours
         return known and all(
             has_fields(self.index.source(number), wants) for number in range(len(self.index))
         )
