@@ -138,7 +138,13 @@ class Method(BaseModel):
     """Fields of the points, beside coordinates, returns and classes, that a ground filter or a detector finds
     in `PointCloud.fields`; they are read for it alone."""
     wants: ClassVar[tuple[str, ...]] = ()
-    """Fields that a unit method is given by their names where the files have them: `intensity`."""
+    """Fields that a method does without: a unit method is given `intensity` where the files have it, a
+    detector finds colours in `PointCloud.fields` where every file of a scan without pulses has them."""
+
+    def for_scan(self, blur: float, roughness: float) -> Self:
+        """The method for a scan whose walls are smoothed by a normal distribution of `blur` (m), and that is
+        rougher than laser scans by `roughness` (m); itself where both are 0, or nothing follows."""
+        return self
 
     def __init__(self, **parameters: Any) -> None:
         try:

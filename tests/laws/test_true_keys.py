@@ -232,8 +232,8 @@ def test_nothing_changed_nothing_is_computed(again: Again) -> None:
     assert again.computed(again.opened()) == {}
 
 
-INPUTS = [(step, one) for step in STEPS[2:] for one in step.takes]
-"""The points of later scans and of dense ones have tests of their own (tests/change, tests/run)."""
+INPUTS = [(step, one) for step in STEPS[3:] for one in step.takes]
+"""The points of later scans, of dense and of smoothed ones have tests of their own (change, run, raster)."""
 
 
 def reaches(one: Input, run: Run, unit: Block, square: Block) -> bool:

@@ -57,7 +57,7 @@ def test_faces_are_numbered_once_in_the_whole_town(town: Town) -> None:
     assert numbers == list(range(1, len(numbers) + 1)) and set(numbers) == set(town.roof_planes)
 
 
-@pytest.mark.parametrize("style", ["mixed", "suburb", "centre"])
+@pytest.mark.parametrize("style", ["mixed", "suburb", "centre", "village"])
 def test_every_reference_model_is_valid(style: str) -> None:
     town = simulate_town(0.0225, style=style, terrain="terraced", seed=7)  # type: ignore[arg-type]
     assert town.buildings

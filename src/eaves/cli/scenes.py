@@ -22,8 +22,10 @@ def simulate(
     pattern: Annotated[
         str, typer.Option(help="Scan pattern: lines, zigzag, ellipse or random (no scan angle).")
     ] = "lines",
-    terrain: Annotated[str, typer.Option(help="Terrain: flat, slope, hilly or terraced.")] = "flat",
-    style: Annotated[str, typer.Option(help="Style of the town: mixed, suburb or centre.")] = "mixed",
+    terrain: Annotated[str, typer.Option(help="Terrain: flat, slope, steep, hilly or terraced.")] = "flat",
+    style: Annotated[
+        str, typer.Option(help="Style of the town: mixed, suburb, centre or village.")
+    ] = "mixed",
     trees: Annotated[
         float, typer.Option(help="Number of trees, relative to an ordinary town.", min=0, max=10)
     ] = 1.0,

@@ -18,6 +18,7 @@ from eaves.formats.points.sample import Sample, read_sample
 from eaves.formats.statements import UNSTATED
 from eaves.geometry.percentiles import group_percentiles
 from eaves.model import LOCAL_METRES, Points
+from eaves.raster.blur import WIDTH, measure_blur, measure_roughness
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 
@@ -41,6 +42,10 @@ PIECE_AREA, PIECES_APART = 2_000.0, 3
 START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
 """Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
 adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
+SMOOTH_M = 0.06
+"""Roughness (m) of laser scans is less."""
+BLUR_STEP = 0.05
+"""The blur is stated in steps of so much (m)."""
 PITCHED_DEG, STEEP_DEG = 10.0, 50.0
 """Slopes from which a face is pitched, and from which it is steeper than most roofs are anywhere: in feet
 over a plane in metres one of 20° has 50°, and one of 35° has 66°."""
@@ -88,6 +93,12 @@ class ScanFacts:
         Share of the cells whose floor is at 0.
     pieces : int
         Parts of the area that do not touch; half the area is in those of at most `piece_m2`.
+    roughness : float or None
+        Fifth percentile of the RMSE (m) across the planes of squares of 3 m; None for too few points.
+    blur : float
+        Standard deviation (m) by which walls are smoothed in a scan without pulses; 0 where they are sharp.
+    colours : bool
+        True if the points have colours.
     height_ratio : float or None
         How many times as far apart in height the echoes of a pulse lie as its angle lets them (median).
     cpu_s, memory_mb : float, int
@@ -118,6 +129,19 @@ class ScanFacts:
     height_ratio: float | None
     cpu_s: float
     memory_mb: int
+    roughness: float | None
+    blur: float
+    colours: bool
+
+    @property
+    def of_images(self) -> bool:
+        """True if nothing in the records is of pulses, as of points matched in images."""
+        return of_images(self.returns, self.pulses)
+
+    @property
+    def rough(self) -> float:
+        """Roughness (m) beyond that of laser scans, of a scan that may be of images."""
+        return max(0.0, (self.roughness or 0.0) - SMOOTH_M) if self.of_images else 0.0
 
     @property
     def whole(self) -> bool:
@@ -138,12 +162,29 @@ class ScanFacts:
 
     def remarks(self) -> list[str]:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
-        shape = "crowns and roofs are separated by shape alone"
+        witness = "and colours" if self.colours and self.of_images else "alone"
+        shape = f"crowns and roofs are separated by shape {witness}"
+        wall = WIDTH * self.blur
+        sharpened = (
+            f"heights are sharpened for all that follows; houses narrower than {wall:.0f} m lose height or "
+            "are lost, and relief may be taken for houses"
+            if self.colours
+            else "without colours nothing tells houses from relief, and most will be lost; export colours"
+        )
         checks = [
             (
-                self.returns in (NO_RETURNS, SINGLE) and not self.pulses,
+                self.of_images,
                 "no pulses (no returns, times, angles or strips), as from image matching: ground under trees "
                 f"is not seen, and {shape}",
+            ),
+            (
+                self.blur > 0,
+                f"walls are smoothed over {wall:.1f} m (standard deviation {self.blur:.2f} m): {sharpened}",
+            ),
+            (
+                self.rough > 0.0,
+                f"flat places are rough by {self.roughness or 0:.2f} m, more than {SMOOTH_M} m: rougher "
+                "surfaces are taken for roofs, and so may be crowns",
             ),
             (self.returns == NO_RETURNS and self.pulses, f"no return numbers: {shape}"),
             (self.returns == SINGLE and self.pulses, f"0 % of pulses split: {shape}"),
@@ -207,6 +248,9 @@ class ScanFacts:
             "spacing": f"{self.spacing:.2f} m",
             "returns": self.returns,
             "split pulses": f"{self.split_share:.1%}",
+            "roughness": "not measured" if self.roughness is None else f"{self.roughness:.3f} m",
+            "walls": f"smoothed by {self.blur:.2f} m" if self.blur else "not smoothed",
+            "colours": "yes" if self.colours else "no",
             "intensity": "yes" if self.intensity else "no",
             "classes": classes or "none",
             "strips": f"{self.strips}",
@@ -239,7 +283,11 @@ def scan_facts(index: Index) -> ScanFacts:
     area: float = ((east - west) * (north - south)).sum()
     void = pieces = piece = None
     below, deepest, at_zero, roofs = 0, 0.0, 0.0, 0.0
+    returns, rough, blur = _kind_of_returns(sample), None, 0.0
     if len(sample.xyz):
+        rough = _rounded(measure_roughness(sample.xyz))
+        if of_images(returns, sample.pulses):
+            blur = round(measure_blur(sample.xyz) / BLUR_STEP) * BLUR_STEP
         cover = _cover(sample.xyz)
         below, deepest, at_zero, roofs = _heights(sample.xyz, cover[0])
         if complete:
@@ -257,7 +305,7 @@ def scan_facts(index: Index) -> ScanFacts:
         reference=index.reference,
         density=round(density, 3),
         spacing=round(density**-0.5, 3) if density else 0.0,
-        returns=_kind_of_returns(sample),
+        returns=returns,
         split_share=round(split, 4),
         intensity=sample.intensity,
         pulses=sample.pulses,
@@ -273,7 +321,20 @@ def scan_facts(index: Index) -> ScanFacts:
         height_ratio=round(float(np.median(sample.ratios)), 2) if len(sample.ratios) >= FEWEST else None,
         cpu_s=round(START_S + index.points * (POINT_S + roofs * ROOF_POINT_S), 1),
         memory_mb=round((1.0 + density / DENSE) * LEAST / 2e6),
+        roughness=rough,
+        blur=blur,
+        colours=sample.colours,
     )
+
+
+def of_images(returns: str, pulses: bool) -> bool:
+    """True if records with such returns, with times, angles or strips (`pulses`), may be of images."""
+    return returns in (NO_RETURNS, SINGLE) and not pulses
+
+
+def _rounded(value: float) -> float | None:
+    """A value to millimetres; None for NaN."""
+    return None if np.isnan(value) else round(value, 3)
 
 
 def feet_remark(rows: Iterable[BuildingRow]) -> str | None:
@@ -341,9 +402,8 @@ def _take_sample(index: Index) -> Sample:
             continue
     if not parts:
         none = np.zeros(0, np.uint8)
-        return Sample(
-            np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), np.zeros(0), False, False, 0
-        )
+        nothing = np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), np.zeros(0)
+        return Sample(*nothing, intensity=False, pulses=False, colours=False, read=0)
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("xyz", "number", "of", "classes", "strip", "ratios")
@@ -352,6 +412,7 @@ def _take_sample(index: Index) -> Sample:
         **joined,
         intensity=any(part.intensity for part in parts),
         pulses=any(part.pulses for part in parts),
+        colours=any(part.colours for part in parts),
         read=sum(part.read for part in parts),
     )
 

@@ -26,7 +26,7 @@ from eaves.buildings.join import (
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, request_of
 from eaves.flow.step import Region, Step, bring, results_of, squares_read, store_of
-from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SUPERSEDED, THINNED
+from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SHARPENED, SUPERSEDED, THINNED
 from eaves.flow.tiles import (
     Area,
     bounds_by_tile,
@@ -106,6 +106,7 @@ def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()
     compare_inputs(region)
     replace_points(region)
     thin_points(region)
+    sharpen_points(region)
     use_blocks(region)
 
 
@@ -224,6 +225,13 @@ def thin_points(region: Region) -> None:
         copies = part["copies"].tolist() if part else [0]
         if copies[0]:
             region.copies[block] = tuple(copies)
+
+
+def sharpen_points(region: Region) -> None:
+    """Sharpen the heights of a scan whose walls were smoothed."""
+    squares, store = squares_to_read(region), region.store
+    blocks = store.blocks(region.run.side) if region.run.blur else []
+    choose_points(region, SHARPENED, [block for block in blocks if squares is None or block in squares])
 
 
 def may_hold_copies(region: Region, block: Block) -> bool:

@@ -50,6 +50,7 @@ from eaves.formats.points.converted import remarks_on
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
+from eaves.formats.points.source import has_fields
 from eaves.methods import DEFAULTS, MethodChoice
 from eaves.model import BLOCK_SIDE, OVERHANGS, Block, Bounds, CoordinateSystem, Failure, Footprint, Provenance
 from eaves.raster.surfaces import is_large
@@ -133,13 +134,6 @@ class Run:
     remote: Mapping[str, Any] = field(default_factory=dict)
     """Traffic over the network (`formats.points.remote.Traffic`)."""
 
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """The fields of points that are read beside coordinates, returns and classes: those that methods
-        need, and those that they want, where no input is a text."""
-        files = all(isinstance(source.layout, LasHeader) for source in self.index.kept.values())
-        return tuple(sorted({*self.recipe.needs, *(self.recipe.wants if files else ())}))
-
     def with_options(self, **options: Unpack[RunOptions]) -> Self:
         """The run with some options in place of its own."""
         return replace(self, options={**self.options, **options})
@@ -194,6 +188,29 @@ class Run:
     def facts(self) -> ScanFacts:
         """Facts of the scan, by a sample of its points."""
         return scan_facts(self.index)
+
+    @property
+    def blur(self) -> float:
+        """Standard deviation (m) of the smoothing that is undone; 0 where walls are sharp, or no colours tell
+        roofs from relief."""
+        return self.facts.blur if self.coloured else 0.0
+
+    @property
+    def coloured(self) -> bool:
+        """True if it is of images, and every file has the colours that the detector takes."""
+        wants = self.recipe.wants_of_images
+        known = bool(wants) and self.facts.of_images and self.facts.colours
+        return known and all(
+            has_fields(self.index.source(number), wants) for number in range(len(self.index))
+        )
+
+    @cached_property
+    def fields(self) -> tuple[str, ...]:
+        """The fields of points that are read beside coordinates, returns and classes: those that methods
+        need, and those that they want, where no input is a text, colours of a scan without pulses alone."""
+        files = all(isinstance(source.layout, LasHeader) for source in self.index.kept.values())
+        wants = (self.recipe.wants if files else (), self.recipe.wants_of_images if self.coloured else ())
+        return tuple(sorted({*self.recipe.needs, *wants[0], *wants[1]}))
 
     @property
     def planned(self) -> set[str]:
@@ -337,6 +354,7 @@ def plan_run(
         carries_edits=carries_edits and not options["overwrite"],
         started=started,
     ).with_remarks(*remarks)
+    run = replace(run, recipe=recipe.for_scan(run.blur, run.facts.rough if run.coloured else 0.0))
     refuse_unknown_code(run)
     refuse_no_fields(run)
     if not (options["resume"] or run.by_tiles):

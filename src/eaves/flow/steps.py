@@ -17,6 +17,7 @@ from eaves.blocks.ground import (
     see_ground,
     see_points,
 )
+from eaves.blocks.sharpened import find_sharpened, see_smoothed
 from eaves.blocks.superseded import find_superseded, see_scans
 from eaves.blocks.thinned import find_thinned, see_files
 from eaves.buildings.building_file import load_buildings, load_found
@@ -24,7 +25,7 @@ from eaves.buildings.edited import model_orders, see_orders
 from eaves.buildings.owned import model_buildings, see_buildings
 from eaves.flow.step import Input, Step
 from eaves.run import keys
-from eaves.run.points import load_files, load_points, load_scans
+from eaves.run.points import load_chosen, load_files, load_points, load_scans
 from eaves.run.world_squares import WIDE_SQUARE
 
 SUPERSEDED = Step(
@@ -40,6 +41,14 @@ THINNED = Step(
     takes=(Input(load=load_files),),
     see=see_files,
     run=find_thinned,
+    booked="read",
+)
+SHARPENED = Step(
+    name=keys.SHARPENED,
+    takes=(Input(load=load_chosen, rings=1),),
+    see=see_smoothed,
+    run=find_sharpened,
+    reads=("blur",),
     booked="read",
 )
 FLOORS = Step(
@@ -140,5 +149,5 @@ SHOWN = Step(
     stays=True,
 )
 """What the files show of a block, of a run by tiles, which lets go of the other results."""
-STEPS = (SUPERSEDED, THINNED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED, SHOWN)
+STEPS = (SUPERSEDED, THINNED, SHARPENED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED, SHOWN)
 """In the order in which they run."""

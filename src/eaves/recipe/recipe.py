@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,6 +108,16 @@ class Recipe:
         """The fields of points that the methods need beside coordinates, returns and classes."""
         detected = self.detect.needs if self.detect else ()
         return tuple(sorted({*self.ground.needs, *detected}))
+
+    def for_scan(self, blur: float, roughness: float) -> Recipe:
+        """The recipe for a scan that is smoothed and rough so far (`Method.for_scan`)."""
+        detect = self.detect and self.detect.for_scan(blur, roughness)
+        return replace(self, ground=self.ground.for_scan(blur, roughness), detect=detect)
+
+    @property
+    def wants_of_images(self) -> tuple[str, ...]:
+        """The fields that the detector takes where every file of a scan without pulses has them."""
+        return self.detect.wants if self.detect else ()
 
     @property
     def wants(self) -> tuple[str, ...]:

@@ -231,7 +231,8 @@ def is_effective(statement: ast.stmt) -> bool:
     )
 
 
-SUPERSEDED, THINNED, FLOORS, LARGE, DECKS = "superseded", "thinned", "floors", "large", "decks"
+SUPERSEDED, THINNED, SHARPENED = "superseded", "thinned", "sharpened"
+FLOORS, LARGE, DECKS = "floors", "large", "decks"
 GROUND, REGIONS, BUILDINGS = "ground", "regions", "buildings"
 """Names of the steps whose results are kept; `eaves.flow.steps` is their table."""
 NAMED, EDITED = "named", "edited"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import GRID_STEP, Block, Bounds, PointCloud, Points
 from eaves.model.cloud import PER_METRE
-from eaves.run.store import RECORD, Store, map_records
+from eaves.run.store import RECORD, Store, join_records, map_records
 from eaves.run.world_squares import squares_touching
 
 
@@ -123,6 +123,11 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
 def load_points(store: Store, block: Block) -> tuple[NDArray[Any], bool]:
     """The points of a block, and whether the files classify them."""
     return store.read_points(block), store.has_classes
+
+
+def load_chosen(store: Store, block: Block) -> NDArray[Any]:
+    """The points of a block that methods see, with heights as they were read."""
+    return join_records(store.map_chosen(block))
 
 
 def load_files(store: Store, block: Block) -> list[NDArray[Any]]:

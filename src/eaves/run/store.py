@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.model import Block, CoordinateSystem
-from eaves.run.keys import SUPERSEDED, THINNED, Mark, key_of
+from eaves.run.keys import SHARPENED, SUPERSEDED, THINNED, Mark, key_of
 from eaves.run.part_file import PartFile, is_whole_part, save_part
 
 log = logging.getLogger("eaves")
@@ -138,6 +138,16 @@ class Store:
     def map_points(self, block: Block) -> list[NDArray[np.void]]:
         """The records of a block's points that methods see, an array a file: of a dense scan those that stand
         for the others. Of a file no more is read than is looked at."""
+        files = self.map_chosen(block)
+        if self.has(SHARPENED, block) and files:
+            heights = self.array(SHARPENED, block, "z")
+            pieces = np.split(heights, np.cumsum([len(records) for records in files])[:-1])
+            for records, piece in zip(files, pieces, strict=True):  # private to this process
+                records["xyz"][:, 2] = piece
+        return files
+
+    def map_chosen(self, block: Block) -> list[NDArray[np.void]]:
+        """The same with heights as they were read."""
         part = self.thinned(block)
         return [part.mapped("records").view(self.record)] if part else self.map_all(block)
 

@@ -7,6 +7,8 @@ from .epochs import simulate_epochs as simulate_epochs
 from .epochs import write_changes as write_changes
 from .files import write_simulation as write_simulation
 from .flight import Flight as Flight
+from .images import Matching as Matching
+from .images import match_images as match_images
 from .objects.colours import coloured as coloured
 from .objects.exact import ExactBuilding as ExactBuilding
 from .objects.exact import ExactFace as ExactFace

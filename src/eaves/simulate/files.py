@@ -31,8 +31,9 @@ def write_simulation(
 ) -> dict[str, Path]:
     """Write a scene to a folder. The same scene gives the same bytes.
 
-    points.laz: LAS 1.4, format 6, or 8 for points with colours; the class of a point is its true one, and
-    the extra dimensions `building_id` and `plane_id` are the numbers of its building and roof face (0: none).
+    points.laz: LAS 1.4, format 6, with colours 7, with near infrared 8; the class of a point is its true
+    one, and the extra dimensions `building_id` and `plane_id` are the numbers of its building and roof face
+    (0: none).
     reference.city.json: the true models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`.
     simulation.json: the settings, and counts.
 
@@ -86,7 +87,8 @@ def write_simulation(
 
 def _write_cloud(scene: ExactScene, path: Path) -> None:
     cloud = scene.cloud
-    header = laspy.LasHeader(point_format=8 if "nir" in cloud.fields else 6, version="1.4")
+    point_format = 8 if "nir" in cloud.fields else 7 if "red" in cloud.fields else 6
+    header = laspy.LasHeader(point_format=point_format, version="1.4")
     header.creation_date = UNDATED
     header.system_identifier, header.generating_software = "SIMULATION", "eaves simulate"
     unit = np.array(cloud.system.unit_m)

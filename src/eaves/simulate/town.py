@@ -12,7 +12,14 @@ import shapely
 from shapely import Polygon
 
 from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Values
-from eaves.simulate.objects.clutter import hang_power_line, install, park_car, put_fence, span_bridge
+from eaves.simulate.objects.clutter import (
+    hang_power_line,
+    install,
+    park_car,
+    park_lorry,
+    put_fence,
+    span_bridge,
+)
 from eaves.simulate.objects.exact import ExactBuilding, Mass, Plane
 from eaves.simulate.objects.roofs import make_building
 from eaves.simulate.objects.streets import Placement, Plot, TownStyle, draw_block, lay_streets
@@ -126,13 +133,14 @@ def simulate_town(
     buildings : int or None
         Largest number of buildings; None builds on every plot. Plots left over are lawns with trees.
     terrain : str
-        `flat` (with a canal and bridges), `slope`, `hilly` or `terraced` (with an embankment).
+        `flat` (with a canal and bridges), `slope`, `steep`, `hilly` or `terraced` (with an embankment).
     trees : float
         Share of the trees, shrubs and hedges of an ordinary town (≥ 0): 0 for none, above 1 for more.
     seed : int
         The same seed gives the same town.
     style : str
-        `suburb` (houses and gardens), `centre` (closed fronts, blocks around courts) or `mixed`.
+        `suburb` (houses and gardens), `centre` (closed fronts, blocks around courts), `village` (houses,
+        halls with yards, thickets) or `mixed`.
     clutter : bool
         True if buildings have vents, skylights, solar panels and balconies, which the reference models leave
         out.
@@ -354,6 +362,8 @@ class BuildingSite:
             place = np.array([x, y])
             if free(place):
                 self.surfaces.append(park_car(x, y, level(place), angle, rng))
+        for x, y, angle in plot.lorries:
+            self.surfaces.append(park_lorry(x, y, level(np.array([x, y])), angle, rng))
         low, high = plot.corners().min(axis=0), plot.corners().max(axis=0)
         # a wooded town has trees wherever there is room
         for _ in range(int(max(trees - 1.0, 0.0) * len(plot.trees))):

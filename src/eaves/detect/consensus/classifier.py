@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +21,12 @@ from eaves.raster.interpolate import nearest_cells
 
 EIGHT = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """Steps to the eight neighbours of a cell."""
+COLOUR_WEIGHT = 2.0
+"""Weight of the log likelihood ratio of colours, and times that of echoes at most: chosen on drawn clouds of
+images (`benchmarks.accuracy.image_towns`, the first seeds), where smoothed crowns are as even as roofs."""
+UNTOLD = 4.0
+"""Log odds, fifty to one, against a roof where colours do not tell one from the rest: in smoothed and rough
+clouds relief has the shape of houses."""
 Places = tuple[Integers, Integers]
 """Rows and columns (K,) of cells."""
 SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
@@ -55,6 +61,19 @@ class Weights:
     surface: tuple[float, ...]
     cell: tuple[float, ...]
     score: ScoreWeights = ScoreWeights()
+
+    def of_colours(self) -> Weights:
+        """The weights of a scan whose colours stand for echoes."""
+
+        def weighed(weights: tuple[float, ...], names: tuple[str, ...]) -> tuple[float, ...]:
+            table = dict(zip(names, weights, strict=True))
+            table["constant"] -= UNTOLD
+            table["constant x echoes"] += UNTOLD
+            return tuple((table | {"echoes": COLOUR_WEIGHT}).values())
+
+        return replace(
+            self, surface=weighed(self.surface, SURFACE_TERMS), cell=weighed(self.cell, CELL_TERMS)
+        )
 
 
 def read_weights(given: str) -> Weights:
@@ -235,20 +254,24 @@ def nothing() -> Separation:
     return Separation(0.0, 0.0, 1.0, 0.0)
 
 
-def separate(value: Values, roof: Values) -> Separation:
+def separate(value: Values, roof: Values, terrain: tuple[float, float] | None = None) -> Separation:
     """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
 
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
-    a scan is no witness there. The cells of a window share its points and are one observation.
+    a scan is no witness there. The cells of a window share its points and are one observation. Where
+    colours stand for echoes, `terrain` (mean, variance) is no roof either, with the weight of the roofs: what
+    rises and has the colours of the terrain is a part of it or grows there.
     """
     crown = 1.0 - roof
     weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
-    if min(weight_roof, weight_crown) < WINDOW**2:
+    mean, variance, weight = (0.0, 0.0, 0.0) if terrain is None else (*terrain, weight_roof)
+    if min(weight_roof, weight_crown + weight) < WINDOW**2:
         return nothing()
     on_roofs = float((roof * value).sum()) / weight_roof
-    on_crowns = float((crown * value).sum()) / weight_crown
-    scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof
-    scatter += float((crown * (value - on_crowns) ** 2).sum()) / weight_crown
+    on_crowns = (float((crown * value).sum()) + weight * mean) / (weight_crown + weight)
+    scatter = float((crown * (value - on_crowns) ** 2).sum()) + weight * (variance + (mean - on_crowns) ** 2)
+    scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof + scatter / (weight_crown + weight)
+    weight_crown += weight
     spread = max(1e-3, float(np.sqrt(scatter / 2)))
     distance = on_crowns - on_roofs
     if distance <= 0.0:
@@ -331,6 +354,7 @@ def measured_terms(
     cells = rows, columns
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     most, number = limits.most_log_ratio, segments.label[cells]
+    most *= COLOUR_WEIGHT if evidence.terrain else 1.0
     # roofs keep company, while in a crown a plane fits here and there by chance
     company = share_around(segments.label > 0, evidence.candidate, 2 * WINDOW + 1)[cells]
     roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
@@ -343,12 +367,19 @@ def measured_terms(
         max_residual,
     )
     of_cells = cell_shape(evidence, cells, company, enclosed, roofs, limits.enclosed, max_residual)
-    even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
+    # colours object to no glass, and smoothed crowns are even
+    echoes_speak = evidence.terrain is None
+    even = (
+        echoes_speak
+        & (segments.area >= limits.even_area)
+        & (segments.residual <= limits.even_residual * max_residual)
+    )
     several, through = evidence.multi_return_share[cells], evidence.penetration[cells]
     seen = np.flatnonzero(evidence.candidate[cells])
     inner = evidence.inner_share[cells], evidence.inner_penetration[cells]
     values = [measure[seen] for measure in (several, through, *inner)]
     of_seen, large_seen, number = of_cells[seen], large[cells][seen], number[seen]
+    natural = evidence.terrain, None, evidence.terrain, None
     echoes = penetration = inner_echoes = inner_penetration = nothing()
     for rounds_left in range(limits.rounds, -1, -1):
         told = Told(segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration, most)
@@ -358,7 +389,12 @@ def measured_terms(
         of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][number]
         of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
         likely = 1.0 / (1.0 + np.exp(-np.where(large_seen, of_surface, of_cell)))
-        echoes, penetration, inner_echoes, inner_penetration = (separate(value, likely) for value in values)
+        if evidence.terrain is not None and rounds_left == limits.rounds:
+            # crowns that shape takes for roofs, as in smoothed clouds all are, would hide what colours tell
+            likely = np.where(values[0] < evidence.terrain[0], likely, 0.0)
+        echoes, penetration, inner_echoes, inner_penetration = (
+            separate(value, likely, known) for value, known in zip(values, natural, strict=True)
+        )
     return Terms(surface, cells, of_cells, Told(several, through, echoes, penetration, most), large)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from scipy import ndimage
@@ -20,7 +20,7 @@ from eaves.detect.consensus.classifier import (
     surface_odds,
 )
 from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
-from eaves.detect.consensus.evidence import Evidence, gather_evidence
+from eaves.detect.consensus.evidence import COLOURS, Evidence, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments
@@ -40,6 +40,8 @@ Chosen on `delft` and `ign_urban`, thinned."""
 LEAST_TOLERANCE_M, TOLERANCE = 0.12, 0.11
 """The rule for `max_residual`: noise (m) of old scanners on a plane, and the share of the spacing by which
 windows that span a ridge miss one plane."""
+ROUGH_GAIN = 7.0
+"""Largest residual in roughnesses, as the ground filter's `tolerance_gain`."""
 
 
 class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules, Detector):
@@ -100,12 +102,20 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         "planes, echoes, penetration, size and height judged together; borders by a graph cut"
     )
     paper: ClassVar[str] = "chen_sun_vaihingen"
+    wants: ClassVar[tuple[str, ...]] = COLOURS
 
     cell: float | None = parameter(
         None,
         "Side of a cell; default: 1.4 spacings up to 1, beyond it one spacing, at least 0.5.",
         unit="m",
         gt=0.0,
+    )
+    roughness: float = parameter(
+        0.0,
+        "Roughness of the scan beyond that of laser scans; seven times as much is added to `max_residual`. "
+        "A run measures it.",
+        unit="m",
+        ge=0.0,
     )
     min_height: float = parameter(
         1.5, "Points lower than this over the terrain are no roof.", unit="m", ge=0.0
@@ -160,7 +170,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         emit("segments", segments.label)
         voids = find_roof_voids(evidence, self)
         most = self.tolerance(scene.spacing)
-        terms = measured_terms(evidence, segments, evidence.candidate | voids[0], most, self.judged_by, self)
+        weights = self.judged_by.of_colours() if evidence.terrain else self.judged_by
+        terms = measured_terms(evidence, segments, evidence.candidate | voids[0], most, weights, self)
         building, roof, odds = self.settle(evidence, segments, terms, voids, emit)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
@@ -193,7 +204,11 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     def tolerance(self, spacing: float) -> float:
         """The largest residual (m) of a surface in a scan of that spacing (m)."""
-        return self.max_residual or max(LEAST_TOLERANCE_M, TOLERANCE * spacing)
+        least = self.max_residual or max(LEAST_TOLERANCE_M, TOLERANCE * spacing)
+        return least + ROUGH_GAIN * self.roughness
+
+    def for_scan(self, blur: float, roughness: float) -> Self:
+        return self.model_copy(update={"roughness": roughness}) if roughness and not self.roughness else self
 
     def candidates(self, scene: Scene) -> Mask:
         """The points (N,) that could be roofs."""
@@ -209,7 +224,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     ) -> tuple[Mask, Mask, Values]:
         """The building cells, those of roof surfaces, the log odds of the cells that were judged; (H, W)
         each. `voids` are the roofs without points and their rims, as `find_roof_voids` says."""
-        weights = self.judged_by
+        weights = self.judged_by.of_colours() if evidence.terrain else self.judged_by
         emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
         odds = np.r_[0.0, emitted][segments.label]
         roof = (odds > 0.0) | voids[0]

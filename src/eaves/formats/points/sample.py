@@ -26,6 +26,8 @@ FLOWN = {
     for number in range(11)
 }
 """Bytes of the angle and the time of a point by format."""
+COLOURS_AT = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
+"""First byte of the three colours by format."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class Sample:
     ratios: Values
     intensity: bool
     pulses: bool
+    colours: bool
     read: int
 
 
@@ -51,9 +54,8 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
         for chunk in iter_chunks(source, chunk_points=size):
             none, nothing = np.zeros(len(chunk), np.uint8), np.zeros(0)
             classes = none if chunk.classification is None else chunk.classification
-            yield Sample(
-                chunk.xyz, none, none, classes, none.astype(np.uint16), nothing, False, False, len(chunk)
-            )
+            strips = none.astype(np.uint16)
+            yield Sample(chunk.xyz, none, none, classes, strips, nothing, False, False, False, len(chunk))
             left -= len(chunk)
             if left <= 0:
                 return
@@ -71,10 +73,13 @@ def read_sample(source: Source, part: tuple[int, int], size: int) -> Iterator[Sa
         strip = np.ascontiguousarray(records[use, byte : byte + 2]).view("<u2")[:, 0]
         pulses = records[:, FLOWN[header.point_format]].any() or len(np.unique(strip)) > 1
         intensity = bool(records[:, 12:14].any())
+        at = COLOURS_AT.get(header.point_format)
+        colours = at is not None and bool(records[:, at : at + 6].any())
         ratios = np.zeros(0)
         if fields.keys() >= {"gps_time", "scan_angle"}:
             split = of > 1
             several = np.flatnonzero(use)[split]
             time, angle = (fields[name](records[several]) for name in ("gps_time", "scan_angle"))
             ratios = height_ratios(xyz[several], time, angle, number[split], of[split])
-        yield Sample(xyz[use], number, of, classes, strip, ratios, intensity, bool(pulses), len(records))
+        known = intensity, bool(pulses), colours
+        yield Sample(xyz[use], number, of, classes, strip, ratios, *known, len(records))

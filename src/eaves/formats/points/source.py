@@ -324,6 +324,16 @@ def iter_chunks(
         )
 
 
+def fields_of(source: Source) -> Sequence[str]:
+    """Names of the fields that the points of a file have beside coordinates."""
+    return tuple(readable_fields(source.layout)) if isinstance(source.layout, LasHeader) else ()
+
+
+def has_fields(source: Source, fields: Sequence[str]) -> bool:
+    """True if the points of a file have fields."""
+    return set(fields) <= set(fields_of(source))
+
+
 def check_fields(source: Source, fields: Sequence[str]) -> None:
     """Check that a file has fields of its points.
 
@@ -332,9 +342,7 @@ def check_fields(source: Source, fields: Sequence[str]) -> None:
     InputError
         When it lacks one.
     """
-    if not fields:
-        return
-    known = readable_fields(source.layout) if isinstance(source.layout, LasHeader) else {}
+    known = fields_of(source) if fields else ()
     for name in fields:
         if name not in known:
             there = ", ".join(known) or "coordinates alone"

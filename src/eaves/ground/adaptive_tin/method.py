@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,10 @@ from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points
 from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
 from eaves.raster.grid import EMPTY
+
+SMOOTHED_WEIGHT = 1.0
+"""`level_weight` where walls were smoothed: sharpened again, a low one uphill is level. Chosen on drawn
+clouds of images (`benchmarks.accuracy.image_towns`, the first seeds)."""
 
 
 def rim_points(sure: Points, bounds: Bounds, rules: AdaptiveTin) -> Points:
@@ -222,6 +226,11 @@ class AdaptiveTin(Opening, GroundMethod):
     @property
     def buffer(self) -> float:
         return 40.0
+
+    def for_scan(self, blur: float, roughness: float) -> Self:
+        if blur == 0.0 or self.level_weight != type(self).model_fields["level_weight"].default:
+            return self
+        return self.model_copy(update={"level_weight": SMOOTHED_WEIGHT})
 
     @property
     def wide_buffer(self) -> float:

@@ -162,6 +162,12 @@ def park_car(x: float, y: float, ground: float, angle: float, rng: np.random.Gen
     return ScannedSurfaces.of([*body, *cabin], UNCLASSIFIED)
 
 
+def park_lorry(x: float, y: float, ground: float, angle: float, rng: np.random.Generator) -> ScannedSurfaces:
+    """A bus, a lorry or one container or two: a box 6 to 13 m long."""
+    size = rng.uniform(6.0, 13.0), rng.uniform(2.4, 2.6), rng.choice([2.6, 3.2, 4.0, 5.2])
+    return ScannedSurfaces.of(upright_box(x, y, ground, size, angle), UNCLASSIFIED)
+
+
 def put_fence(
     start: NDArray[np.float64], end: NDArray[np.float64], terrain: Terrain, rng: np.random.Generator
 ) -> ScannedSurfaces:

@@ -287,6 +287,14 @@ def draw_hall(length: float, width: float, rng: np.random.Generator) -> Design:
     return Design("saw teeth", lifted(masses, eaves))
 
 
+def draw_angled_hall(length: float, width: float, rng: np.random.Generator) -> Design:
+    """A flat hall with two wings in an L, one storey of 4 to 8 m."""
+    deep = rng.uniform(0.35, 0.5) * width
+    wings = shifted_masses(flat(length, deep), 0.0, (deep - width) / 2)
+    wings += shifted_masses(flat(deep, width), (deep - length) / 2, 0.0)
+    return Design("angled hall", lifted(wings, rng.uniform(4.0, 8.0)))
+
+
 def draw_church(rng: np.random.Generator) -> Design:
     """A church: steep nave, transept, a tower with a spire."""
     length, width, eaves = rng.uniform(24.0, 36.0), rng.uniform(10.0, 14.0), rng.uniform(8.0, 12.0)

@@ -11,6 +11,7 @@ import numpy as np
 from eaves.model import Bounds, Values
 from eaves.simulate.objects.houses import (
     Design,
+    draw_angled_hall,
     draw_church,
     draw_detached,
     draw_garden_shed,
@@ -25,10 +26,10 @@ from eaves.simulate.objects.houses import (
 STREET = 11.0
 """Width of a street with its pavements (m)."""
 
-SMALL_BLOCKS = ("detached", "rows", "town houses", "park")
-"""Blocks of many small buildings, which may be cut by the rim of the town."""
+SMALL_BLOCKS = ("detached", "rows", "town houses", "park", "yard", "scrub")
+"""Blocks that may be cut by the rim of the town: of small buildings, or of one that may be left out."""
 
-TownStyle = Literal["mixed", "suburb", "centre"]
+TownStyle = Literal["mixed", "suburb", "centre", "village"]
 
 BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
     "mixed": {
@@ -52,6 +53,7 @@ BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
         "tower": 0.02,
         "park": 0.05,
     },
+    "village": {"detached": 0.55, "yard": 0.28, "scrub": 0.17},
 }
 """Shares of the kinds of blocks in a town, by style."""
 
@@ -62,6 +64,7 @@ BLOCK_DEPTH: dict[TownStyle, tuple[float, float]] = {
     "mixed": (38.0, 54.0),
     "suburb": (38.0, 54.0),
     "centre": (32.0, 46.0),
+    "village": (38.0, 54.0),
 }
 """Depth of a block between two streets (m)."""
 
@@ -106,6 +109,7 @@ class Plot:
     hedges: list[Segment] = field(default_factory=list)
     fences: list[Segment] = field(default_factory=list)
     cars: list[tuple[float, float, float]] = field(default_factory=list)
+    lorries: list[tuple[float, float, float]] = field(default_factory=list)
 
     def at(self, u: float, v: float) -> Values:
         """The town coordinates of a place in the block's own."""
@@ -184,6 +188,8 @@ def draw_block(plot: Plot, style: TownStyle, uncut: bool, built: bool, rng: np.r
         "town houses": _town_houses,
         "slabs": _slabs,
         "hall": _hall,
+        "yard": _yard,
+        "scrub": _scrub,
         "church": _church,
         "tower": _tower,
         "park": _park,
@@ -302,6 +308,25 @@ def _hall(plot: Plot, rng: np.random.Generator) -> None:
     for u in np.arange(-plot.length / 2 + 4.0, plot.length / 2 - 4.0, 3.0):
         if rng.random() < 0.5:
             plot.park(float(u), -plot.depth / 2 + 3.5, np.pi / 2)
+
+
+def _yard(plot: Plot, rng: np.random.Generator) -> None:
+    """A hall, on two of five an angle, and buses, lorries and containers beside it."""
+    length, width = rng.uniform(0.5, 0.75) * plot.length, rng.uniform(0.5, 0.75) * plot.depth
+    draw = draw_angled_hall if rng.random() < 0.4 else draw_hall
+    plot.put(draw(length, width, rng), 0.0, 0.0)
+    for u in np.arange(-plot.length / 2 + 8.0, plot.length / 2 - 6.0, 14.0):
+        if rng.random() < 0.6:
+            x, y = plot.at(float(u), plot.depth / 2 - 2.5)
+            plot.lorries.append((float(x), float(y), plot.angle))
+
+
+def _scrub(plot: Plot, rng: np.random.Generator) -> None:
+    """Thickets of shrubs, some of the size of a house, and few trees."""
+    for middle in plot.scatter(12, rng):
+        wide = rng.uniform(1.0, 3.5)
+        plot.shrubs.extend(middle + rng.normal(0.0, wide, (int(4 * wide**2), 2)))
+    plot.trees.extend(plot.scatter(6, rng))
 
 
 def _church(plot: Plot, rng: np.random.Generator) -> None:

@@ -28,7 +28,7 @@ from eaves.model import (
 )
 from eaves.simulate.objects.exact import ExactBuilding
 
-TerrainKind = Literal["flat", "slope", "hilly", "terraced"]
+TerrainKind = Literal["flat", "slope", "steep", "hilly", "terraced"]
 
 CELL = 1.0
 """Spacing of the terrain's nodes (m), and of the grid in which rays are traced."""
@@ -108,9 +108,9 @@ class Corridor:
 def make_terrain(kind: TerrainKind, bounds: Bounds, rng: np.random.Generator) -> Terrain:
     """Terrain over `bounds` (m) and a margin.
 
-    flat: swells of 0.15 m. slope: 4 to 9 % in any direction. hilly: swells of 3 to 8 m in 150 to 350 m.
-    terraced: a slope of 7 to 12 % in steps of 1.5 to 3 m with retaining walls one lattice square wide. On
-    all of them 2 cm of unevenness.
+    flat: swells of 0.15 m. slope: 4 to 9 % in any direction; steep: 9 to 20 %. hilly: swells of 3 to
+    8 m in 150 to 350 m. terraced: a slope of 7 to 12 % in steps of 1.5 to 3 m with retaining walls one
+    lattice square wide. On all of them 2 cm of unevenness.
     """
     blank = Terrain.blank(bounds)
     xy = blank.nodes()
@@ -119,6 +119,8 @@ def make_terrain(kind: TerrainKind, bounds: Bounds, rng: np.random.Generator) ->
     along = (xy[..., 0] - bounds.west) * np.cos(direction) + (xy[..., 1] - bounds.south) * np.sin(direction)
     if kind == "slope":
         heights = heights + rng.uniform(0.04, 0.09) * along
+    elif kind == "steep":
+        heights = heights + rng.uniform(0.09, 0.20) * along
     elif kind == "hilly":
         heights = heights + _swells(xy, rng, rng.uniform(3.0, 8.0), (150.0, 350.0)) + 0.02 * along
     elif kind == "terraced":
