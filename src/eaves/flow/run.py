@@ -50,7 +50,7 @@ from eaves.formats.points.converted import remarks_on
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
-from eaves.formats.points.source import has_fields
+from eaves.formats.points.source import fields_of
 from eaves.methods import DEFAULTS, MethodChoice
 from eaves.model import BLOCK_SIDE, OVERHANGS, Block, Bounds, CoordinateSystem, Failure, Footprint, Provenance
 from eaves.raster.surfaces import is_large
@@ -103,6 +103,8 @@ class Run:
     recipe: Recipe
     index: Index
     window: Window
+    facts: ScanFacts
+    """Facts of the scan, by a sample of its points."""
     plan: dict[str, Any]
     """All that decides the result (`describe_plan`), and the facts of the scan (`look_at_scan`)."""
     options: RunOptions = field(default_factory=lambda: DEFAULT_OPTIONS)
@@ -184,33 +186,28 @@ class Run:
         datum = self.plan["vertical_datum"]
         return Provenance(names, len(self.index), datum["name"], datum["status"])
 
-    @cached_property
-    def facts(self) -> ScanFacts:
-        """Facts of the scan, by a sample of its points."""
-        return scan_facts(self.index)
-
     @property
     def blur(self) -> float:
         """Standard deviation (m) of the smoothing that is undone; 0 where walls are sharp, or no colours tell
         roofs from relief."""
         return self.facts.blur if self.coloured else 0.0
 
-    @property
+    @cached_property
     def coloured(self) -> bool:
         """True if it is of images, and every file has the colours that the detector takes."""
-        wants = self.recipe.wants_of_images
+        wants = set(self.recipe.wants_of_images)
         known = bool(wants) and self.facts.of_images and self.facts.colours
-        return known and all(
-            has_fields(self.index.source(number), wants) for number in range(len(self.index))
-        )
+        sources = (self.index.source(number) for number in range(len(self.index)))
+        return known and all(wants <= {*fields_of(source)} for source in sources)
 
     @cached_property
     def fields(self) -> tuple[str, ...]:
         """The fields of points that are read beside coordinates, returns and classes: those that methods
         need, and those that they want, where no input is a text, colours of a scan without pulses alone."""
         files = all(isinstance(source.layout, LasHeader) for source in self.index.kept.values())
-        wants = (self.recipe.wants if files else (), self.recipe.wants_of_images if self.coloured else ())
-        return tuple(sorted({*self.recipe.needs, *wants[0], *wants[1]}))
+        wanted = self.recipe.wants if files else ()
+        seen = self.recipe.wants_of_images if self.coloured else ()
+        return tuple(sorted({*self.recipe.needs, *wanted, *seen}))
 
     @property
     def planned(self) -> set[str]:
@@ -342,6 +339,7 @@ def plan_run(
         recipe=recipe,
         index=index,
         window=window,
+        facts=scan_facts(index),
         plan=plan,
         remote=traffic.as_json() if traffic.addresses else {},
         options=options,

@@ -329,11 +329,6 @@ def fields_of(source: Source) -> Sequence[str]:
     return tuple(readable_fields(source.layout)) if isinstance(source.layout, LasHeader) else ()
 
 
-def has_fields(source: Source, fields: Sequence[str]) -> bool:
-    """True if the points of a file have fields."""
-    return set(fields) <= set(fields_of(source))
-
-
 def check_fields(source: Source, fields: Sequence[str]) -> None:
     """Check that a file has fields of its points.
 
