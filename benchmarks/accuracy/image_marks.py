@@ -2,9 +2,8 @@
 
 Run `python -m benchmarks.accuracy.image_marks SURVEY [MARKS]`: SURVEY is `churo.laz`, built by the command.
 The crop is parted into windows of 100 m; every roof to be seen in every second one (a chessboard) is in
-`churo_marks.csv` with its
-middle, length and width. Some marks lie outside the windows: roofs that reach in, so that none of them counts
-as false.
+`churo_marks.csv` with its middle, length and width. Some marks lie outside the windows: roofs that reach in,
+so that none of them counts as false.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import GRID_STEP, Block, Points
-from eaves.raster.blur import LEAST_CELL_M, gridded, without_blur
+from eaves.raster.blur import cell_of, gridded, without_blur
 
 MARGIN = 30.0
 """Width (m) of the surroundings of a block that are sharpened with it: ten times a blur of 3 m."""
@@ -25,7 +25,7 @@ class Smoothed:
     around: Points
 
 
-def see_smoothed(block: Block, points: Mapping[Block, NDArray[Any]], parameters: SimpleNamespace) -> Smoothed:
+def see_smoothed(block: Block, points: Mapping[Block, NDArray[Any]], parameters: object) -> Smoothed:
     """The points of a block and of its surroundings, as they were read."""
     own, around = np.zeros((0, 3)), list[Points]()
     limits = np.array([-MARGIN, block.side + MARGIN])
@@ -43,9 +43,7 @@ def find_sharpened(view: Smoothed, parameters: SimpleNamespace) -> dict[str, NDA
     around show, in cells of one spacing; copies stay copies, for points of a cell are moved alike."""
     if not len(view.own):
         return {}
-    cells = len(np.unique(np.floor(view.around[:, :2] / 4.0).astype(np.int64), axis=0))
-    spacing = (16.0 * cells / len(view.around)) ** 0.5
-    cell = max(LEAST_CELL_M, spacing)
+    cell = cell_of(view.around)
     side = int(np.ceil((np.ptp(view.around[:, :2], axis=0).max() + cell) / cell))
     corner = view.around[:, :2].min(axis=0)
     surface, _ = gridded(view.around, cell, (side, side), (float(corner[0]), float(corner[1])))

@@ -42,7 +42,7 @@ from eaves.model.block import BLOCK_SIDE
 from eaves.model.checks import check_lengths, check_type
 from eaves.model.results import BuildingPoints
 from eaves.raster.surfaces import heights_under
-from eaves.run.store import RECORD
+from eaves.run.store import RECORD, record_of
 from eaves.run.world_squares import WIDE_SQUARE, squares_of
 from eaves.surroundings.decks import Decks
 
@@ -288,10 +288,10 @@ def complete_model(
 def records_of(cloud: PointCloud) -> NDArray[Any]:
     """The points of a cloud about its block's corner as a store keeps them, with the fields that methods may
     want."""
-    wanted = [("fields", [("intensity", "<f8")])] if "intensity" in cloud.fields else []
-    records = np.zeros(len(cloud), [*RECORD.descr, *wanted])
-    if wanted:
-        records["fields"]["intensity"] = cloud.fields["intensity"]
+    wanted = [name for name in ("intensity",) if name in cloud.fields]
+    records = np.zeros(len(cloud), record_of(wanted))
+    for name in wanted:
+        records["fields"][name] = cloud.fields[name]
     records["xyz"] = np.rint(cloud.xyz / GRID_STEP)
     for name, missing in {**MISSING, "point_id": np.arange(len(cloud))}.items():
         given = getattr(cloud, name)

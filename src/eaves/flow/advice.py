@@ -19,6 +19,7 @@ from eaves.formats.statements import UNSTATED
 from eaves.geometry.percentiles import group_percentiles
 from eaves.model import LOCAL_METRES, Points
 from eaves.raster.blur import WIDTH, measure_blur, measure_roughness
+from eaves.raster.groups import number_squares
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 
@@ -419,9 +420,8 @@ def _take_sample(index: Index) -> Sample:
 
 def _cells(xyz: Points, side: float) -> tuple[NDArray[np.int64], int]:
     """The number of the cell of each point (N,), among those with points, and how many there are."""
-    place = np.floor((xyz[:, :2] - xyz[:, :2].min(axis=0)) / side).astype(np.int64)
-    cells, cell = np.unique(place[:, 0] * (place[:, 1].max() + 1) + place[:, 1], return_inverse=True)
-    return cell.ravel(), len(cells)
+    number, count = number_squares(xyz[:, :2] - xyz[:, :2].min(axis=0), side)
+    return number, len(count)
 
 
 def _heights(xyz: Points, area: float) -> tuple[int, float, float, float]:

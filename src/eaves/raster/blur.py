@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
+from eaves.geometry.planes import scatter, sums_of
 from eaves.model import Mask, Points, Values
+from eaves.raster.groups import number_squares
 
 Surface = NDArray[np.float64]
 
@@ -28,6 +30,22 @@ SHOCK_STEP = 0.4
 """Share of a cell by which the shock filter carries a surface on in a round; stable under a half."""
 RIPPLE = 0.06
 """Weight of the total variation (m): ripples of about that height that no wall explains go."""
+SQUARE_M, SQUARES = 120.0, 24
+"""Side (m) of the squares in which the blur is measured, and how many, those with the most points."""
+LEAST_CELL_M = 0.5
+"""Side (m) of the cells of a dense cloud: smaller blurs say nothing of a house."""
+BOUND = 2.0
+"""So many cells are what a sharp wall takes between two points."""
+FLATTEST = 5.0
+"""Percentile of the squares that are flat in any scan of roofs, roads or fields."""
+COVER_M = 4.0
+"""Side (m) of the squares that are covered where they hold a point."""
+
+
+def cell_of(xyz: Points) -> float:
+    """Side (m) of the cells in which points (N, 3) are a surface: one spacing of the area that they cover."""
+    _, count = number_squares(xyz[:, :2], COVER_M)
+    return float(max(LEAST_CELL_M, (COVER_M**2 * len(count) / len(xyz)) ** 0.5))
 
 
 def edge_widths(surface: Surface, known: Mask, cell: float) -> Values:
@@ -85,14 +103,6 @@ def gridded(
     return mean[tuple(nearest)], np.asarray(ndimage.binary_closing(~empty, iterations=2) | ~empty)
 
 
-SQUARE_M, SQUARES = 120.0, 24
-"""Side (m) of the squares in which the blur is measured, and how many, those with the most points."""
-LEAST_CELL_M = 0.5
-"""Side (m) of the cells of a dense cloud: smaller blurs say nothing of a house."""
-BOUND = 2.0
-"""So many cells are what a sharp wall takes between two points."""
-
-
 def measure_blur(xyz: Points) -> float:
     """Standard deviation (m) by which the steps of points (N, 3) are smoothed; 0 where walls are as sharp as
     the spacing shows, or too few edges are seen.
@@ -101,20 +111,17 @@ def measure_blur(xyz: Points) -> float:
     smoothed by a normal distribution of one; on drawn clouds .8 to .95 of what was drawn. Where a tenth of
     the edges is up to two cells wide there are sharp walls, and no blur.
     """
-    square = np.floor(xyz[:, :2] / SQUARE_M).astype(np.int64)
-    squares, of, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    square, count = number_squares(xyz[:, :2], SQUARE_M)
     widths, cells = list[Values](), list[float]()
-    order = np.argsort(of.ravel(), kind="stable")
+    order = np.argsort(square, kind="stable")
     groups = np.split(order, np.cumsum(count)[:-1])
     for number in np.argsort(-count, kind="stable")[:SQUARES]:
-        points = xyz[np.sort(groups[number])]
-        inner = np.unique(np.floor(points[:, :2] / 4.0).astype(np.int64), axis=0)
-        cell = max(LEAST_CELL_M, (16.0 * len(inner) / len(points)) ** 0.5)
+        points = xyz[groups[number]]
+        cell = cell_of(points)
         side = int(np.ceil(SQUARE_M / cell))
-        corner = squares[number] * SQUARE_M
+        corner = np.floor(points[0, :2] / SQUARE_M) * SQUARE_M
         surface, known = gridded(points, cell, (side, side), (float(corner[0]), float(corner[1])))
-        found = edge_widths(surface, known, cell)
-        widths.append(found)
+        widths.append(edge_widths(surface, known, cell))
         cells.append(cell)
     found = np.concatenate(widths) if widths else np.zeros(0)
     if len(found) < FEWEST:
@@ -128,7 +135,8 @@ def without_blur(surface: Surface, sigma: float) -> Surface:
 
     Minimises ½ |g * u - z|² + λ Σ |∇u|, g the normal distribution of `sigma` cells, z the surface, by the
     primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall of what is left of each
-    ramp."""
+    ramp.
+    """
     rows, columns = surface.shape
     margin = int(3.0 * sigma) + 4
     tall, wide = (fft.next_fast_len(size + 2 * margin, real=True) for size in surface.shape)
@@ -178,26 +186,17 @@ def shocked(surface: Surface) -> Surface:
     return surface
 
 
-FLATTEST = 5.0
-"""Percentile of the squares that are flat in any scan of roofs, roads or fields."""
-
-
 def measure_roughness(xyz: Points, side: float = 3.0, fewest: int = 6) -> float:
     """Fifth percentile of the RMSE (m) of points (N, 3) across the planes of squares of a side (m) with
     `fewest` points or more; NaN where no square has as many."""
     local = xyz - xyz[:1]
-    place = np.floor(local[:, :2] / side).astype(np.int64)
-    cells, cell, count = np.unique(place, axis=0, return_inverse=True, return_counts=True)
-    cell = cell.ravel()
-
-    def mean(values: Values) -> Values:
-        return np.asarray(np.bincount(cell, values, len(cells)) / count)
-
-    x, y, z = (values - mean(values)[cell] for values in local.T)
-    xx, xy, yy, xz, yz, zz = (mean(p) for p in (x * x, x * y, y * y, x * z, y * z, z * z))
-    size = np.maximum(xx * yy - xy**2, 1e-9)
-    slope_x, slope_y = (xz * yy - yz * xy) / size, (yz * xx - xz * xy) / size
-    left = np.maximum(zz - slope_x * xz - slope_y * yz, 0.0)[count >= fewest]
-    many = count[count >= fewest]
-    spread = np.sqrt(left * many / (many - 3.0))
-    return float(np.percentile(spread, FLATTEST)) if len(spread) else float("nan")
+    square, count = number_squares(local[:, :2], side)
+    local[:, :2] -= side * np.floor(local[:, :2] / side)
+    _, spread = scatter(sums_of(local, square, len(count))[count >= fewest])
+    count = count[count >= fewest]
+    plan, rise = spread[:, :2, :2], spread[:, :2, 2]
+    area = np.maximum(np.linalg.det(plan), 1e-9)
+    explained = rise[:, 0] ** 2 * plan[:, 1, 1] + rise[:, 1] ** 2 * plan[:, 0, 0]
+    explained -= 2.0 * rise[:, 0] * rise[:, 1] * plan[:, 0, 1]
+    left = np.maximum(spread[:, 2, 2] - explained / area, 0.0) * count / (count - 3.0)
+    return float(np.percentile(np.sqrt(left), FLATTEST)) if len(left) else float("nan")

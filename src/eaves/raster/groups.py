@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.model import Integers, Labels, Mask
+from eaves.model import Integers, Labels, Mask, Values
 
 Step = tuple[int, int]
 BESIDE: tuple[Step, ...] = ((0, 1), (1, 0))
@@ -97,3 +98,13 @@ def any_near(mask: Mask, first: int, last: int) -> Mask:
             line[max(0, -step) : len(line) - max(0, step)] |= source[max(0, step) : len(line) + min(0, step)]
         mask = grown
     return mask
+
+
+def number_squares(xy: Values, side: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The number (N,), from west to east and in each column from south to north, of the square of a side (m)
+    that each place (N, 2) lies in, among those that hold one; and how many places each holds (K,)."""
+    place = np.floor(xy / side).astype(np.int64)
+    place -= place.min(axis=0)
+    columns = place[:, 0] * (place[:, 1].max() + 1) + place[:, 1]
+    _, number, count = np.unique(columns, return_inverse=True, return_counts=True)
+    return number.ravel(), count

@@ -58,8 +58,7 @@ class Store:
     @property
     def record(self) -> np.dtype[np.void]:
         """The layout of a point."""
-        fields = [("fields", [(name, "<f8") for name in self.fields])] if self.fields else []
-        return np.dtype([*RECORD.descr, *fields]) if fields else RECORD
+        return record_of(self.fields)
 
     def key_of(self, *taken: Any) -> str:
         """The key of what a step takes from the files it reads; empty in a store that does not outlast its
@@ -263,6 +262,12 @@ class Store:
             if not is_whole_part(path):
                 log.warning("%s: the part is damaged; it is computed again", path)
                 path.unlink()
+
+
+def record_of(fields: Sequence[str]) -> np.dtype[np.void]:
+    """The layout of a point with other fields by their names."""
+    others = [("fields", [(name, "<f8") for name in fields])]
+    return np.dtype([*RECORD.descr, *others]) if fields else RECORD
 
 
 def map_records(paths: Sequence[Path], record: np.dtype[np.void] = RECORD) -> list[NDArray[np.void]]:

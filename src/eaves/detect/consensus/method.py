@@ -170,7 +170,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         emit("segments", segments.label)
         voids = find_roof_voids(evidence, self)
         most = self.tolerance(scene.spacing)
-        weights = self.judged_by.of_colours() if evidence.terrain else self.judged_by
+        weights = self.weights_for(evidence)
         terms = measured_terms(evidence, segments, evidence.candidate | voids[0], most, weights, self)
         building, roof, odds = self.settle(evidence, segments, terms, voids, emit)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
@@ -224,7 +224,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     ) -> tuple[Mask, Mask, Values]:
         """The building cells, those of roof surfaces, the log odds of the cells that were judged; (H, W)
         each. `voids` are the roofs without points and their rims, as `find_roof_voids` says."""
-        weights = self.judged_by.of_colours() if evidence.terrain else self.judged_by
+        weights = self.weights_for(evidence)
         emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
         odds = np.r_[0.0, emitted][segments.label]
         roof = (odds > 0.0) | voids[0]
@@ -240,6 +240,10 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     def judged_by(self) -> Weights:
         """The weights of the evidence."""
         return FITTED if self.weights is None else read_weights(self.weights)
+
+    def weights_for(self, evidence: Evidence) -> Weights:
+        """The weights of the evidence of a scan: those of colours where they stand for echoes."""
+        return self.judged_by.of_colours() if evidence.terrain else self.judged_by
 
     def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
