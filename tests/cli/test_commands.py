@@ -309,9 +309,9 @@ def test_a_town_has_the_style_and_the_clutter_asked_for(tmp_path: Path) -> None:
         assert (told["style"], told["clutter"]) == ("centre", name == "centre")
     points = [(tmp_path / name / "points.laz").read_bytes() for name in ("centre", "bare")]
     assert points[0] != points[1]
-    done = eaves("simulate", "-o", tmp_path / "no", "--style", "village")
+    done = eaves("simulate", "-o", tmp_path / "no", "--style", "hamlet")
     assert done.returncode == 2
-    assert "--style village" in one_line(done) and "suburb" in done.stderr
+    assert "--style hamlet" in one_line(done) and "suburb" in done.stderr
 
 
 def test_models_are_judged_over_given_footprints_at_a_given_level(built: Path, nine_roofs_file: Path) -> None:

@@ -26,7 +26,7 @@ def loop_of_the_guide(tile: Path, recipe: str = "eaves.make_recipe()", times: bo
     lines = text.split("```python\n")[1].split("```")[0].replace("tile.laz", tile.as_posix())
     lines = lines.replace("eaves.make_recipe()", recipe)
     names: dict[str, Any] = {}
-    exec(lines if times else lines.replace(', fields=("gps_time",)', ""), names)
+    exec(lines if times else lines.replace(', fields=("gps_time", "intensity")', ""), names)
     return names
 
 
