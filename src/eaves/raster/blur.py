@@ -30,8 +30,9 @@ ROUNDS, SHOCKS = 80, 8
 """Rounds of the minimisation, and of the shock filter: after them walls are a cell wide."""
 SHOCK_STEP = 0.4
 """Share of a cell by which the shock filter carries a surface on in a round; stable under a half."""
-TREND = 8.0
-"""The surface smoothed by so many blurs is terrain: it is left out, else slopes become stairs."""
+TREND_M = 10.0
+"""The surface smoothed by a normal distribution of so much (m), wider than houses, is left out: slopes would
+become stairs. A third of what is known around a block."""
 NARROW_M = 4.0
 """Width (m) of a narrow house."""
 RIPPLE = 0.06
@@ -141,14 +142,14 @@ def measure_blur(xyz: Points) -> float:
     return width / WIDTH if sharp > BOUND * float(np.median(cells)) else 0.0
 
 
-def without_blur(surface: Surface, sigma: float) -> Surface:
+def without_blur(surface: Surface, blur: float, cell: float) -> Surface:
     """A surface (H, W) as it was before it was smoothed.
 
-    Minimises ½ |g * u - z|² + λ Σ |∇u|, g the normal distribution of `sigma` cells, z the surface, by the
-    primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall of what is left of each
-    ramp. Both see the surface over its trend.
+    Minimises ½ |g * u - z|² + λ Σ |∇u|, g the normal distribution of `blur` (m), z the surface in cells of
+    side `cell` (m), by the primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall
+    of what is left of each ramp. Both see the surface over its trend.
     """
-    trend = ndimage.gaussian_filter(surface, TREND * sigma)
+    sigma, trend = blur / cell, ndimage.gaussian_filter(surface, TREND_M / cell)
     surface = surface - trend
     rows, columns = surface.shape
     margin = int(3.0 * sigma) + 4

@@ -21,8 +21,9 @@ EDGES = np.linspace(-0.6, 2.4, 151)
 MIDDLES = (EDGES[1:] + EDGES[:-1]) / 2.0
 ROUNDS = 200
 """Of expectation maximisation."""
-LEAST_SPREAD = 0.03
-"""Of the signs of roofs: noise of a camera."""
+LEAST_SPREAD, MOST_SPREAD = 0.03, 0.1
+"""Standard deviation of the signs of roofs: a camera's noise, and that of white, red and grey ones together;
+where crowns are all that is smooth, a wider one would be theirs."""
 
 
 def has_colours(cloud: PointCloud) -> bool:
@@ -63,14 +64,14 @@ def learned(counts: Counts, alike: float) -> Separation:
         return nothing()
     known = (counts[:2] + 1e-6) / (counts[:2] + 1e-6).sum(axis=1, keepdims=True)
     middle = float(MIDDLES[np.searchsorted(np.cumsum(smooth), smooth.sum() / 10.0)])
-    spread, shares, likely = 0.1, np.full(3, 1.0 / 3.0), smooth
+    spread, shares, likely = MOST_SPREAD, np.full(3, 1.0 / 3.0), smooth
     for _ in range(ROUNDS):
         roofs = np.exp(-0.5 * ((MIDDLES - middle) / spread) ** 2)
         each = shares[:, None] * np.vstack([roofs / roofs.sum(), known])
         parts = smooth * each / np.maximum(each.sum(axis=0), 1e-300)
         shares, likely = parts.sum(axis=1) / smooth.sum(), parts[0]
         middle, variance = _moments(likely)
-        spread = max(variance**0.5, LEAST_SPREAD)
+        spread = min(max(variance**0.5, LEAST_SPREAD), MOST_SPREAD)
     others = shares[1:] @ known
     rest = (*_moments(others), float(smooth.sum() * shares[1:].sum()))
     return separation((middle, spread**2, float(likely.sum())), rest, alike)
