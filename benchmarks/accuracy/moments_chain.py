@@ -70,7 +70,7 @@ def beside_rows(data: Path) -> Iterator[Row]:
     for plan_given in (True, False):
         pairs: list[tuple[Primitive, Primitive]] = []
         for _, piece, roof in pieces:
-            fit, closed = (chain(plan_given, only).shape(piece, roof) for only in (False, True))
+            fit, closed = (chain(plan_given, only).shape(piece, roof, True) for only in (False, True))
             pairs.append((fit, closed))
         fitted = [(f, c) for f, c in pairs if f.house is not None]
         oblong = [
@@ -110,7 +110,7 @@ def group_rows(data: Path) -> Iterator[Row]:
         ):
             for stage in ("closed", "fit"):
                 method = Moments(closed_only=stage == "closed")
-                houses = [method.house_of(points[k], largest[k][0]) for k in numbers if k in points]
+                houses = [method.house_of(points[k], largest[k][0], False) for k in numbers if k in points]
                 values = np.array([measures(one) for one in houses if isinstance(one, ParametricBuilding)])
                 spread = np.std(values, axis=0, ddof=1)
                 columns = (*SIZES, "slope °")
@@ -153,7 +153,7 @@ def drawn_rows() -> Iterator[Row]:
                     box = shapely.box(-truth.length / 2, -width / 2, truth.length / 2, width / 2)
                     turned = shapely.affinity.rotate(box, truth.orientation, (0, 0), use_radians=True)
                     plan = shapely.affinity.translate(turned, 310.0, 170.0)
-                    shape = chain(False, stage == "closed").shape(plan, points)
+                    shape = chain(False, stage == "closed").shape(plan, points, False)
                     modelled.append(shape.house is not None)
                     if shape.house is not None:
                         parts.append(len(shape.parts))

@@ -67,7 +67,8 @@ class MaasVosselman(Reconstructor):
     that a ground plan may be given, and takes one building after the other. Cutting the plan, the choice
     between the two by cover and residuals, and one plan for both are ours. The cover is measured against the
     area of the plan itself, not of its rectangle. No tolerance is printed. `houses` says whether the closed
-    solution stands or starts a fit, and whether axes and sizes are those of the plan; walls always are.
+    solution stands or starts a fit, and whether axes and sizes are those of a given plan; without one they
+    are those of the moments. Walls are the plan's, given or drawn.
 
     Fails where
     -----------
@@ -112,7 +113,8 @@ class MaasVosselman(Reconstructor):
             return seen_points
         roof = points[seen_points[1]]
         pieces, cuts = cut_plan(footprint.polygon, self.least_fill, self.smallest_primitive)
-        primitives = [self.shape(piece, roof) for piece in pieces]
+        given = footprint.agreement is None
+        primitives = [self.shape(piece, roof, given) for piece in pieces]
         emit("primitives", pieces)
         houses = [(part.house, part.parts) for part in primitives if part.house is not None]
         emit("moments", [rectangle_of(house) for house, _ in houses])
@@ -128,10 +130,11 @@ class MaasVosselman(Reconstructor):
         model = self.faces.model(points, footprint, planes, ground, emit)
         return model if isinstance(model, Failure) else model.with_(attributes={**model.attributes, **facts})
 
-    def shape(self, piece: Polygon, roof: Points) -> Primitive:
-        """The house over a piece of the plan among all roof points (N, 3), if it is a standard one."""
+    def shape(self, piece: Polygon, roof: Points, given: bool) -> Primitive:
+        """The house over a piece of a plan, `given` or drawn, among all roof points (N, 3), if it is a
+        standard one."""
         members = roof[points_inside(roof, piece)]
-        house = self.houses.house_of(members, piece)
+        house = self.houses.house_of(members, piece, given)
         if isinstance(house, Failure):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width

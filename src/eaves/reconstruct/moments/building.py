@@ -203,6 +203,8 @@ class ParametricBuilding(Rectangle):
     inlier: Mask = field(repr=False)
     empty_share: float
     """Share of the rectangle that the points, with their border, do not cover."""
+    on_plan: bool = False
+    """True if place, orientation, length and width are those of a ground plan."""
 
 
 def fit_building(
@@ -237,7 +239,8 @@ def fit_building(
         above = points[~rim & (best.residuals > 0.0)]
         frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
     covered = covered_area(points, triangles) * border_growth(len(points)) ** 2
-    return describe_building(best, forms[0], frame, inlier, covered)
+    house = describe_building(best, forms[0], frame, inlier, covered)
+    return replace(house, on_plan=rectangle is not None)
 
 
 def solve_closed(

@@ -426,7 +426,9 @@ class Moments(Reconstructor):
         le=1.0,
     )
     ground_plan: bool = parameter(
-        False, "Take place, orientation, length and width from the footprint instead of the points."
+        False,
+        "Take place, orientation, length and width from the footprint instead of the points, where it is "
+        "given: an outline that was drawn from these points is no ground plan.",
     )
     empty_share: float = parameter(
         0.05,
@@ -456,7 +458,7 @@ class Moments(Reconstructor):
         finite = points[np.isfinite(points).all(axis=1)]
         roof = finite[roof_point_mask(finite)]
         roof = roof[canonical_order(roof)]
-        house = self.house_of(roof, footprint.polygon)
+        house = self.house_of(roof, footprint.polygon, given=footprint.agreement is None)
         if isinstance(house, Failure):
             return replace(house, footprint=footprint)
         emit("closed solution", house.closed)
@@ -472,9 +474,11 @@ class Moments(Reconstructor):
                 return self.present(house, parts[:count], solids, points, roof, footprint, ground)
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
 
-    def house_of(self, roof: Points, plan: Polygon) -> ParametricBuilding | Failure:
-        """The house under roof points (N, 3) over a plan, fitted or closed, as the parameters say."""
-        return fit_building(roof, plan if self.ground_plan else None, closed_only=self.closed_only)
+    def house_of(self, roof: Points, plan: Polygon, given: bool) -> ParametricBuilding | Failure:
+        """The house under roof points (N, 3) over a plan, fitted or closed, as the parameters say; a plan that
+        is not `given` was drawn from points."""
+        used = self.ground_plan and given
+        return fit_building(roof, plan if used else None, closed_only=self.closed_only)
 
     def doubt(self, house: ParametricBuilding, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""
@@ -523,22 +527,26 @@ def members_on(points: Points, coefficients: tuple[float, float, float], reach: 
 
 
 def measures(house: ParametricBuilding, parts: list[RoofPart]) -> dict[str, Any]:
-    """The parameters of a house as attributes (m, degrees), with standard deviations, fitted and closed."""
+    """The parameters of a house as attributes (m, degrees), with standard deviations, fitted and closed;
+    `house_axes` says whose the axes and sizes are, and those of a plan have no closed solution."""
     deviations, closed = house.deviations, house.closed
     figures: dict[str, Any] = {
         "house_type": house.roof,
         "house_parts": len(parts),
         "house_rmse_m": house.rmse,
+        "house_axes": "plan" if house.on_plan else "points",
     }
     for name in ("length", "width", "eaves", "ridge"):
         figures[f"house_{name}_m"] = getattr(house, name)
         figures[f"house_{name}_sd_m"] = deviations[name] if np.isfinite(deviations[name]) else None
-        figures[f"house_{name}_closed_m"] = getattr(closed, name)
+        of_plan = house.on_plan and name in ("length", "width")
+        figures[f"house_{name}_closed_m"] = None if of_plan else getattr(closed, name)
     for name, value in (("orientation", house.orientation), ("slope", house.slope)):
         figures[f"house_{name}_deg"] = float(np.degrees(value))
         certain = np.isfinite(deviations[name])
         figures[f"house_{name}_sd_deg"] = float(np.degrees(deviations[name])) if certain else None
-    figures["house_orientation_closed_deg"] = float(np.degrees(closed.orientation)) % 180.0
+    axis = None if house.on_plan else float(np.degrees(closed.orientation)) % 180.0
+    figures["house_orientation_closed_deg"] = axis
     figures["house_slope_closed_deg"] = float(np.degrees(closed.slope))
     figures["house_ridge_offset_m"] = house.ridge_offset
     return figures
