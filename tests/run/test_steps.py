@@ -115,3 +115,20 @@ def test_steps_change_no_other_file(nine_roofs_file: Path, tmp_path: Path) -> No
     one, two = ((tmp_path / name / "buildings.city.jsonl").read_bytes() for name in ("with", "without"))
     assert one == two
     assert not (tmp_path / "without" / "steps").exists()
+
+
+@pytest.mark.parametrize(("slope", "without"), [(0.0, 1), (0.05, 0)])
+def test_a_run_says_in_how_many_blocks_no_contour_lies_on_terrain(
+    slope: float, without: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(0.0, 150.0, (60_000, 2))
+    house = (np.abs(xy - 75.0) < [6.0, 4.0]).all(axis=1)
+    z = 3.1 + slope * xy[:, 0] + np.where(house, 5.0, 0.0)
+    write_laz(tmp_path / "a.laz", np.c_[xy, z] + [84_960.0, 447_120.0, 0.0])
+    with caplog.at_level("INFO", logger="eaves"):
+        eaves.build(tmp_path / "a.laz", tmp_path / "out", source="ren_fcs", outputs=("footprints",))
+    starts = json.loads((tmp_path / "out" / "run.json").read_text())["ground_starts"]
+    assert starts == {"blocks": 1, "without contours on terrain": without}
+    said = [line for line in caplog.messages if "have no contours on terrain" in line]
+    assert len(said) == without

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +17,7 @@ import shapely
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
+from eaves.blocks.ground import STARTS
 from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
 from eaves.figures.party_walls import (
     PARTY_GAP,
@@ -55,6 +57,8 @@ from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
     from eaves.flow.classified_points import PointSink
+
+log = logging.getLogger("eaves")
 
 COUNTED = ("by_lod", "trust", "failures", "fallbacks")
 """What is counted of buildings, as the summary and run.json name it."""
@@ -309,6 +313,15 @@ def read_metadata(region: Region) -> list[BlockMetadata]:
     return metadata
 
 
+def ground_starts(region: Region) -> dict[str, int]:
+    """Number of blocks, and of those in which the ground filter has nothing to begin with, which is said."""
+    counts = [int(region.store.array(GROUND.name, block, STARTS)) for block in region.shown]
+    start, empty = region.run.recipe.ground.start, counts.count(0)
+    if empty:
+        log.info("%d of %d blocks have no %s: see the ground filter", empty, len(counts), start)
+    return {"blocks": len(counts), f"without {start}": empty}
+
+
 def summarise(
     region: Region, metadata: Sequence[BlockMetadata], owners: Sequence[Block], files: Sequence[Path]
 ) -> Summary:
@@ -331,6 +344,8 @@ def summarise(
     peak = round(max(region.peak, peak_memory_mb()))
     facts = {**stated_request(run), "crs": run.index.system.code, "peak_memory_mb": peak, **tiles}
     facts["remarks"] = list(run.remarks)
+    if run.recipe.ground.start and not (run.recipe.use_classes or run.by_tiles):
+        facts["ground_starts"] = ground_starts(region)
     remote = {"remote": run.remote} if run.remote else {}
     return Summary(
         folder=run.folder,

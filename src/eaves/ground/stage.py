@@ -50,6 +50,8 @@ class GroundMethod(Method):
     """
 
     stage: ClassVar[str] = "ground"
+    start: ClassVar[str] = ""
+    """Name of the intermediate that a block's terrain begins with; a run says in how many it is empty."""
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         """Mask (N,) of the points that are ground; see the class."""

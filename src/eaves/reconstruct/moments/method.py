@@ -475,8 +475,8 @@ class Moments(Reconstructor):
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
 
     def house_of(self, roof: Points, plan: Polygon, given: bool) -> ParametricBuilding | Failure:
-        """The house under roof points (N, 3) over a plan, fitted or closed, as the parameters say; a plan that
-        is not `given` was drawn from points."""
+        """The house under roof points (N, 3) over a plan, fitted or closed, as the parameters say; a plan
+        that is not `given` was drawn from points."""
         used = self.ground_plan and given
         return fit_building(roof, plan if used else None, closed_only=self.closed_only)
 
