@@ -31,7 +31,7 @@ RULES: dict[str, tuple[ContourGround, float]] = {
 }
 """A filter, and the share of the data's width that a long contour crosses at most."""
 PIECE = 60.0
-"""Side (m) of the piece about the middle of each ISPRS sample: small tiles with relief, which chose nothing."""
+"""Side (m) of the piece about the middle of each ISPRS sample: a small tile that chose nothing."""
 
 
 def scans(data: Path) -> Iterator[tuple[str, Points, Mask]]:

@@ -27,10 +27,12 @@ from eaves.figures.party_walls import (
     with_decimals,
     with_walls,
 )
+from eaves.figures.rows import primitive_rows
 from eaves.figures.trust import judge
 from eaves.flow.advice import feet_remark
 from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
 from eaves.flow.review import (
+    HOUSES,
     LAYER,
     REVIEW,
     describe_doubts,
@@ -39,6 +41,7 @@ from eaves.flow.review import (
     face_doubts,
     review_rows,
     write_review,
+    write_table,
 )
 from eaves.flow.run import Run, stated_request
 from eaves.flow.step import Region, Step, Work, results_of
@@ -142,8 +145,10 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(buildings, owners, results.shared)
         roofs, review = BuildingRows(buildings, owners, faces=True), review_rows(buildings.rows(owners))
-        write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
+        houses = [Row(box, with_decimals(facts)) for box, facts in primitive_rows(buildings.rows(owners))]
+        write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from, houses)
         files.append(write_review(folder / REVIEW, review, system))
+        files += [write_table(folder / HOUSES, houses)] if houses else []
         files += export_footprints(folder, rows, roofs, system, formats, made_from, failed)
         return Written(files, None, failed)
     if step == "models":

@@ -20,7 +20,7 @@ from eaves.formats.vectors.geopackage import Row
 from eaves.model import Block, CoordinateSystem, Doubt
 from eaves.run.world_squares import WIDE_SQUARE
 
-REVIEW = "review.csv"
+REVIEW, HOUSES = "review.csv", "primitives.csv"
 COLUMNS = ("rank", "id", "trust", "worth_m2", "reason", "link", "x", "y")
 """Of review.csv; x and y are a place inside the building, in the units of the reference system."""
 
@@ -69,6 +69,16 @@ def write_review(path: Path, rows: Sequence[Row], system: CoordinateSystem) -> P
                 unit = system.horizontal_unit_m
                 place = {"x": round(point.x / unit, 2), "y": round(point.y / unit, 2)}
             writer.writerow({**row.attributes, **place})
+    return path
+
+
+def write_table(path: Path, rows: Sequence[Row]) -> Path:
+    """Write the columns of rows, at least one, as a table; its path."""
+    names = dict.fromkeys(name for row in rows for name in row.attributes)
+    with atomic(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        writer.writerows(row.attributes for row in rows)
     return path
 
 

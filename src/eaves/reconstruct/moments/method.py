@@ -27,6 +27,7 @@ from eaves.reconstruct.moments.building import (
     fit_building,
     squared_up,
 )
+from eaves.reconstruct.moments.invariants import Rectangle
 from eaves.reconstruct.moments.parametric_roof import (
     ANGLE,
     CUT,
@@ -513,7 +514,9 @@ class Moments(Reconstructor):
         plan = rectangle_of(house)
         model = BuildingModel(footprint.with_(polygon=plan), {"2.2": tuple(solids)}, planes)
         inside, top = points[points_inside(points, plan)], roof[points_inside(roof, plan)]
-        attributes = {**describe_roof(model, inside, top, ground), **measures(house, parts)}
+        figures = measures(house, parts, footprint.origin)
+        attributes = {**describe_roof(model, inside, top, ground), **figures}
+        attributes[PRIMITIVES] = [{"primitive": 1, "made_by": self.name, **figures}]
         return model.with_(footprint=footprint, attributes=attributes)
 
 
@@ -526,27 +529,44 @@ def members_on(points: Points, coefficients: tuple[float, float, float], reach: 
     return RoofPlane(coefficients, members, rmse)
 
 
-def measures(house: ParametricBuilding, parts: list[RoofPart]) -> dict[str, Any]:
-    """The parameters of a house as attributes (m, degrees), with standard deviations, fitted and closed;
-    `house_axes` says whose the axes and sizes are, and those of a plan have no closed solution."""
-    deviations, closed = house.deviations, house.closed
+PRIMITIVES = "primitive_rows"
+"""Attribute of a model: a record for each of its primitives, the rows of the table `primitives`."""
+
+
+def place_of(rectangle: Rectangle, origin: tuple[float, float], suffix: str = "") -> dict[str, float]:
+    """Place (world metres), axis (degrees from the x axis) and sides (m) of a rectangle about an origin."""
+    return {
+        f"house_x{suffix}_m": rectangle.x + origin[0],
+        f"house_y{suffix}_m": rectangle.y + origin[1],
+        f"house_orientation{suffix}_deg": float(np.degrees(rectangle.orientation)) % 180.0,
+        f"house_length{suffix}_m": rectangle.length,
+        f"house_width{suffix}_m": rectangle.width,
+    }
+
+
+def measures(house: ParametricBuilding, parts: list[RoofPart], origin: tuple[float, float]) -> dict[str, Any]:
+    """The parameters of a house as attributes (m, degrees; the place in world metres), with standard
+    deviations, fitted and closed. `house_axes` says whose place, axis and sides are; those of a plan have no
+    closed solution."""
+    closed, deviations = house.closed, house.deviations
     figures: dict[str, Any] = {
         "house_type": house.roof,
-        "house_parts": len(parts),
-        "house_rmse_m": house.rmse,
         "house_axes": "plan" if house.on_plan else "points",
+        **place_of(house, origin),
+        "house_eaves_m": house.eaves,
+        "house_ridge_m": house.ridge,
+        "house_slope_deg": float(np.degrees(house.slope)),
+        "house_ridge_offset_m": house.ridge_offset,
+        "house_parts": len(parts),
+        "house_parts_m2": float(sum(rectangle_of(house, part.edges).area for part in parts)),
+        "house_rmse_m": house.rmse,
     }
-    for name in ("length", "width", "eaves", "ridge"):
-        figures[f"house_{name}_m"] = getattr(house, name)
-        figures[f"house_{name}_sd_m"] = deviations[name] if np.isfinite(deviations[name]) else None
-        of_plan = house.on_plan and name in ("length", "width")
-        figures[f"house_{name}_closed_m"] = None if of_plan else getattr(closed, name)
-    for name, value in (("orientation", house.orientation), ("slope", house.slope)):
-        figures[f"house_{name}_deg"] = float(np.degrees(value))
-        certain = np.isfinite(deviations[name])
-        figures[f"house_{name}_sd_deg"] = float(np.degrees(deviations[name])) if certain else None
-    axis = None if house.on_plan else float(np.degrees(closed.orientation)) % 180.0
-    figures["house_orientation_closed_deg"] = axis
+    own = place_of(closed, origin, "_closed")
+    figures |= dict.fromkeys(own) if house.on_plan else own
+    figures |= {"house_eaves_closed_m": closed.eaves, "house_ridge_closed_m": closed.ridge}
     figures["house_slope_closed_deg"] = float(np.degrees(closed.slope))
-    figures["house_ridge_offset_m"] = house.ridge_offset
+    for name, value in deviations.items():
+        unit = "deg" if name in ("orientation", "slope") else "m"
+        known = float(np.degrees(value)) if unit == "deg" else float(value)
+        figures[f"house_{name}_sd_{unit}"] = known if np.isfinite(known) else None
     return figures
