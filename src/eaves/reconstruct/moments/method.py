@@ -366,9 +366,11 @@ class Moments(Reconstructor):
 
     Fidelity
     --------
-    The paper's text prints no formula; these are derived again and tested on exact integrals. Integrals
-    over triangles take the place of sums over points: they correct for uneven density and are several times
-    more precise. The border that the hull of n points loses is given back as 8/3 · ln n / n of the area.
+    The paper's text prints no formula; these are derived again and tested on exact integrals. The paper sums
+    over points; `sums` does, too, and as published it is on. Integrals over triangles correct for uneven
+    density and are three times more precise where points lie at random; on scan lines 1 to 2 m apart sums
+    are two to five times more precise. The border that the hull of n points loses is given back to integrals
+    as 8/3 · ln n / n of the area.
     The axis is tan 2θ = 2 μ11 / (μ20 − μ02), which a square leaves undefined (μ20 = μ02); n points at random
     tell it to L W / (√n (L² − W²)) radians. Squarish houses take the axes of the height tensor, or, where
     heights are the same all around, of the fourth moment, which is above order 2. Of the solutions for each
@@ -443,6 +445,7 @@ class Moments(Reconstructor):
         "Leave the fit out: the closed solution alone makes the roof, without standard deviations.",
         off=True,
     )
+    sums: bool = parameter(False, "Sum over the points instead of the triangles between them.", off=True)
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
     )
@@ -479,7 +482,7 @@ class Moments(Reconstructor):
         """The house under roof points (N, 3) over a plan, fitted or closed, as the parameters say; a plan
         that is not `given` was drawn from points."""
         used = self.ground_plan and given
-        return fit_building(roof, plan if used else None, closed_only=self.closed_only)
+        return fit_building(roof, plan if used else None, closed_only=self.closed_only, sums=self.sums)
 
     def doubt(self, house: ParametricBuilding, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""
