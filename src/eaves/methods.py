@@ -560,6 +560,11 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     dict
         A table of its own.
 
+    Raises
+    ------
+    AttributeError
+        When one is no mapping.
+
     Examples
     --------
     >>> from eaves.methods import merged
