@@ -96,7 +96,8 @@ class RansacLines(AlphaOutline):
         origin = ring[0].copy()
         local = ring - origin
         runs = long_runs(local, self.near * spacing, self.skip, self.shortest * spacing)
-        emit("segments", runs)
+        ends = np.array(runs, np.int64).reshape(-1, 2) % len(ring)
+        emit("segments", ring[ends].reshape(-1, 4))
         if len(runs) < 3:
             return None
         sigma = 0.5 * self.near * spacing
