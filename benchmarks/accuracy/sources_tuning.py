@@ -32,6 +32,7 @@ COMMAND = "python -m benchmarks.accuracy.sources_tuning"
 SET = "amsterdam, blind"
 """A scan that chose no parameter, small enough for hundreds of runs."""
 QUARTER = 0.25
+RMSE = "RMSE m, less / more"
 Row = dict[str, Any]
 Figures = tuple[float, float, int]
 
@@ -125,9 +126,24 @@ def row_of(
     row |= {"IoU, less / more": " / ".join(f"{one:.4f}" for one in ious)}
     row |= {"largest change of IoU": float(max(abs(one - plain[0]) for one in ious))}
     models = SOURCES[source.name].lod > "0"
-    row |= {"RMSE m, less / more": " / ".join(f"{one:.3f}" for one in errors) if models else None}
+    row |= {RMSE: " / ".join(f"{one:.3f}" for one in errors) if models else None}
     row |= {"largest change of RMSE m": float(max(abs(one - plain[1]) for one in errors)) if models else None}
     return row | {"buildings": " / ".join(map(str, counts))}
+
+
+def summary_of(name: str, rows: list[Row]) -> Row:
+    """The row of all numbers of a source: how many they are, their median and largest change."""
+    varied = [row for row in rows if row["source"] == name and row["stage"] not in ("", "all")]
+    count = f"{len(varied)} numbers"
+    row: Row = {"source": name, "stage": "all", "parameter": count, "value / less / more": "median / largest"}
+    for column, unit in (
+        ("IoU, less / more", "largest change of IoU"),
+        (RMSE, f"largest change of {RMSE[:6]}"),
+    ):
+        known = [float(one[unit]) for one in varied if one[unit] not in (None, "–")]
+        row[column] = f"{np.median(known):.4f} / {max(known):.4f}" if known else None
+        row[unit] = max(known) if known else None
+    return row | {"buildings": None}
 
 
 def main() -> None:
@@ -144,6 +160,8 @@ def main() -> None:
                 rows.append(row)
         else:
             rows += [row for row in kept_rows("sources-tuning") if row["source"] == name]
+    rows = [row for row in rows if row["stage"] != "all"]
+    rows = [summary_of(name, rows) for name in SOURCES if name in {row["source"] for row in rows}] + rows
     keep(
         "sources-tuning", "Parameters of the published systems, a quarter less and more", rows, COMMAND, NOTE
     )
