@@ -60,7 +60,10 @@ def figures(results: Path, source: str, folder: str) -> list[str]:
     surveys = [row for row in rows_of(newest(results, "sources")) if mine.fullmatch(row["chain"])]
     lines = table_of([row for row in surveys if row["data"] in SETS], ("data", "chain", *COLUMNS))
     towns = [row for row in rows_of(newest(results, "sources-drawn")) if mine.fullmatch(row["chain"])]
-    lines += ["", f"[Commands of these rows]({folder}{newest(results, 'sources').name}). On five drawn towns:"]
+    lines += [
+        "",
+        f"[Commands of these rows]({folder}{newest(results, 'sources').name}). On five drawn towns:",
+    ]
     beside = tuple(name for name in towns[0] if "found" in name)
     lines += ["", *table_of(towns, ("chain", *DRAWN)), "", "Where trees touch a building, and elsewhere:", ""]
     return [*lines, *table_of(towns, ("chain", *beside)), ""]

@@ -204,10 +204,7 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
     count = len(steps.maps) + bool(steps.models)
     rows = -(-count // COLUMNS)
     finite = {title: np.isfinite(raster.values) for title, raster in steps.maps.items()}
-    boxes = [box_of(raster, finite[title]) for title, raster in steps.maps.items() if finite[title].any()]
-    ends = np.array(boxes or [(0.0, 1.0, 0.0, 1.0)])
-    west, south = map(float, ends[:, [0, 2]].min(axis=0))
-    east, north = map(float, ends[:, [1, 3]].max(axis=0))
+    west, south, east, north = steps.grid.bounds
     height = 0.8 * PANEL_INCHES * float(np.clip((north - south) / (east - west), 0.5, 2.0)) + TITLE_INCHES
     figure = Figure((PANEL_INCHES * COLUMNS, height * rows), layout="constrained")
     for number, (title, raster) in enumerate(steps.maps.items(), 1):
@@ -239,14 +236,6 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
     if steps.models:
         draw_models(figure.add_subplot(rows, COLUMNS, count, projection="3d"), steps.models, count)
     figure.savefig(path, dpi=DOTS_AN_INCH, metadata={"Software": None})
-
-
-def box_of(raster: Raster, filled: Any) -> tuple[float, float, float, float]:
-    """West, east, south and north end of the cells (H, W) that are known."""
-    row, column = np.nonzero(filled)
-    west, north = raster.west + raster.cell * column.min(), raster.north - raster.cell * row.min()
-    east, south = raster.west + raster.cell * (column.max() + 1), raster.north - raster.cell * (row.max() + 1)
-    return west, east, south, north
 
 
 def draw_models(panel: Any, models: Sequence[BuildingModel], number: int) -> None:

@@ -50,6 +50,7 @@ from eaves.formats import write_cityjson_seq
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
+from eaves.model.columns import LAYERS
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.manifest import MANIFEST, begin_manifest, set_aside, work_of_persons
@@ -148,7 +149,10 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
         houses = [Row(box, with_decimals(facts)) for box, facts in primitive_rows(buildings.rows(owners))]
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from, houses)
         files.append(write_review(folder / REVIEW, review, system))
-        files += [write_table(folder / HOUSES, houses)] if houses else []
+        if houses:
+            files.append(
+                write_table(folder / HOUSES, [one.attributes for one in houses], LAYERS["primitives"])
+            )
         files += export_footprints(folder, rows, roofs, system, formats, made_from, failed)
         return Written(files, None, failed)
     if step == "models":

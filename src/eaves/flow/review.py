@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -59,26 +59,22 @@ def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
 
 def write_review(path: Path, rows: Sequence[Row], system: CoordinateSystem) -> Path:
     """Write the rows of the layer `review` (world metres) as a table, also where there are none; its path."""
-    with atomic(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        writer.writeheader()
-        for row in rows:
-            place = {}
-            if row.geometry is not None and not row.geometry.is_empty:
-                point = row.geometry.representative_point()
-                unit = system.horizontal_unit_m
-                place = {"x": round(point.x / unit, 2), "y": round(point.y / unit, 2)}
-            writer.writerow({**row.attributes, **place})
-    return path
+    records, unit = [], system.horizontal_unit_m
+    for row in rows:
+        place = {}
+        if row.geometry is not None and not row.geometry.is_empty:
+            point = row.geometry.representative_point()
+            place = {"x": round(point.x / unit, 2), "y": round(point.y / unit, 2)}
+        records.append({**row.attributes, **place})
+    return write_table(path, records, COLUMNS)
 
 
-def write_table(path: Path, rows: Sequence[Row]) -> Path:
-    """Write the columns of rows, at least one, as a table; its path."""
-    names = dict.fromkeys(name for row in rows for name in row.attributes)
+def write_table(path: Path, records: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> Path:
+    """Write those columns of records as a table, also where there are none; its path."""
     with atomic(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, names)
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
-        writer.writerows(row.attributes for row in rows)
+        writer.writerows(records)
     return path
 
 
