@@ -54,7 +54,7 @@ class BuildingRow:
             modelled,
             row["failure_code"],
             seconds,
-            result.attributes.get("primitive_rows", ()) if modelled else (),
+            result.attributes.get("primitive_rows", ()) if isinstance(result, BuildingModel) else (),
         )
 
     def numbered(self, number: int, walls: Mapping[str, float] | None) -> dict[str, Any]:
