@@ -334,7 +334,7 @@ def main() -> None:
     ]
     keep("sources", "The published systems", with_kept("sources", rows), COMMAND, NOTE)
     if forms:
-        keep("sources-isprs", "In the form of ISPRS", with_kept("sources-isprs", forms), COMMAND, FORM)
+        keep("sources-isprs", "ISPRS", with_kept("sources-isprs", forms), COMMAND, FORM)
 
 
 def with_kept(name: str, rows: list[Row]) -> list[Row]:

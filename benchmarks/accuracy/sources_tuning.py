@@ -162,9 +162,7 @@ def main() -> None:
             rows += [row for row in kept_rows("sources-tuning") if row["source"] == name]
     rows = [row for row in rows if row["stage"] != "all"]
     rows = [summary_of(name, rows) for name in SOURCES if name in {row["source"] for row in rows}] + rows
-    keep(
-        "sources-tuning", "Parameters of the published systems, a quarter less and more", rows, COMMAND, NOTE
-    )
+    keep("sources-tuning", "Tuning", rows, COMMAND, NOTE)
 
 
 NOTE = """Each number of the methods of a source, as derived, a quarter less and more, all else as it is:
