@@ -220,7 +220,7 @@ def main() -> None:
     """Print and keep the tables, or that of sums alone."""
     keep(
         "moments-sums",
-        "Sums, integrals",
+        "Sums",
         list(sums_rows()),
         COMMAND,
         "Closed solutions of drawn gables of 12 m by 8 m, 310 m and 170 m off the origin, noise of 3 cm; "

@@ -246,7 +246,7 @@ def main() -> None:
     data = Path(folder) if folder else None
     keep(
         "roof-distances",
-        "Distance of points to their plane, region growing",
+        "Distance of points to planes, region growing",
         list(distance_rows(data)),
         COMMAND,
     )
