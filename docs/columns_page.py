@@ -22,6 +22,7 @@ TITLES = {
     "footprints": "Layer `footprints`",
     "attributes": "Table `attributes`",
     "roof_planes": "Layer `roof_planes`",
+    "primitives": "Layer `primitives` and primitives.csv, of `--source maas_vosselman`",
 }
 MOVED = """## From the layer of earlier versions
 Until this version all columns were in `footprints`. None was renamed.

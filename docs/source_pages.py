@@ -15,7 +15,7 @@ BLOCK = re.compile(r"<!-- (figures|steps) -->\n.*?<!-- end -->", re.DOTALL)
 SETS = ("delft", "ign_urban", "town, blind", "amsterdam, blind", "williams, blind", "delft, footprints")
 COLUMNS = (
     *("DTM error %", "compl.", "corr.", "IoU", "mask IoU", "objects over 10 m²", "at LoD 2.2"),
-    *("median RMSE of those", "CPU s"),
+    *("moments/mixed/faces/prism", "RMSE to class 6, mean/median", "within 0.2 m", "CPU s"),
 )
 DRAWN = ("DTM error %", "compl.", "corr.", "IoU", "objects compl.", "objects corr.", "CPU s")
 Table = list[dict[str, str]]
@@ -60,7 +60,10 @@ def figures(results: Path, source: str, folder: str) -> list[str]:
     surveys = [row for row in rows_of(newest(results, "sources")) if mine.fullmatch(row["chain"])]
     lines = table_of([row for row in surveys if row["data"] in SETS], ("data", "chain", *COLUMNS))
     towns = [row for row in rows_of(newest(results, "sources-drawn")) if mine.fullmatch(row["chain"])]
-    lines += ["", f"[Commands of these rows]({folder}{newest(results, 'sources').name}). On five drawn towns:"]
+    lines += [
+        "",
+        f"[Commands of these rows]({folder}{newest(results, 'sources').name}). On five drawn towns:",
+    ]
     beside = tuple(name for name in towns[0] if "found" in name)
     lines += ["", *table_of(towns, ("chain", *DRAWN)), "", "Where trees touch a building, and elsewhere:", ""]
     return [*lines, *table_of(towns, ("chain", *beside)), ""]

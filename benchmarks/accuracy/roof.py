@@ -1,11 +1,12 @@
 """Roof planes: completeness, correctness, errors in plan and height, distance of points, speed.
 
-Run `EAVES_DATA=... python -m benchmarks.accuracy.roof`.
+Run `EAVES_DATA=... python -m benchmarks.accuracy.roof [--distances]`.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -244,6 +245,14 @@ def main() -> None:
     folder = os.environ.get("EAVES_DATA")
     data = Path(folder) if folder else None
     keep(
+        "roof-distances",
+        "Distance of points to planes, region growing",
+        list(distance_rows(data)),
+        COMMAND,
+    )
+    if "--distances" in sys.argv:
+        return
+    keep(
         "roof-planes",
         "Roof planes on simulated scenes",
         list(scene_rows()),
@@ -251,12 +260,6 @@ def main() -> None:
         "To reach at 10 points/m², 3 cm: completeness 0.95, correctness 0.97, RMSXY 0.15 m, RMSZ 0.04 m. The "
         "models leave clutter out (solar panels, balconies, lift houses), the points have it: *with clutter "
         "as real* counts planes on it as right. Planes agree by half of their points.",
-    )
-    keep(
-        "roof-distances",
-        "Distance of points to their plane, region growing",
-        list(distance_rows(data)),
-        COMMAND,
     )
     if data is None:
         print("EAVES_DATA is not set: the labelled roofs of Trondheim are left out")

@@ -549,8 +549,38 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool | str = Fal
     table = dict(choice) if isinstance(choice, Mapping) else {"method": choice}
     cls = method_class(stage, table.pop("method", None) or DEFAULTS[stage])
     paper = published if isinstance(published, str) else None
-    base = cls.as_published(paper).model_dump() if published else {}
-    return cls(**{**base, **table})
+    nested = {name: field.default for name, field in cls.model_fields.items()}
+    base = {name: one.model_dump() for name, one in nested.items() if isinstance(one, Method)}
+    base |= cls.as_published(paper).model_dump() if published else {}
+    return cls(**merged(base, table))
+
+
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """A table with the values of another in place of its own, also inside the tables that both have.
+
+    Parameters
+    ----------
+    base, over : mapping
+        The tables; those inside them are mappings, too.
+
+    Returns
+    -------
+    dict
+        A table of its own.
+
+    Raises
+    ------
+    AttributeError
+        When one is no mapping.
+
+    Examples
+    --------
+    >>> from eaves.methods import merged
+    >>> merged({"houses": {"tolerance": 0.3, "empty_share": 0.1}}, {"houses": {"tolerance": 0.2}})
+    {'houses': {'tolerance': 0.2, 'empty_share': 0.1}}
+    """
+    both = {name for name in base if all(isinstance(one.get(name), Mapping) for one in (base, over))}
+    return {**base, **over, **{name: merged(base[name], over[name]) for name in base if name in both}}
 
 
 def emitter(debug: str | Path | Emit | None) -> Emit:

@@ -175,6 +175,8 @@ def test_a_process_leaves_with_the_status_and_the_line() -> None:
 
 def test_a_parameter_set_on_the_command_line_is_a_table_by_stage() -> None:
     words = ["detect.min_height=2.5", "detect.method=contours", "units.method=off"]
+    houses = ["reconstruct.houses.ground_plan=false", "reconstruct.houses.tolerance=0.4"]
+    assert read_settings(houses) == {"reconstruct": {"houses": {"ground_plan": False, "tolerance": 0.4}}}
     assert read_settings(words) == {
         "detect": {"min_height": 2.5, "method": "contours"},
         "units": {"method": "off"},

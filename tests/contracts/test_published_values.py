@@ -105,3 +105,12 @@ def test_as_published_prints_come_from_the_sources_paper__and_ours_is_off(source
 def test_a_published_value_without_its_place_is_refused() -> None:
     with pytest.raises(ValueError, match="go together"):
         parameter(1.0, "A number.", published=2.0)
+
+
+@pytest.mark.parametrize("published", [False, True])
+def test_a_parameter_of_a_nested_method_changes_that_alone(published: bool) -> None:
+    table = {"reconstruct": {"houses": {"ground_plan": False}}}
+    recipe = make_recipe(table, source="maas_vosselman", published=published)
+    plain = make_recipe(source="maas_vosselman", published=published)
+    houses = {**plain.reconstruct.model_dump()["houses"], "ground_plan": False}
+    assert recipe.reconstruct.model_dump() == {**plain.reconstruct.model_dump(), "houses": houses}

@@ -70,6 +70,12 @@ def test_a_contour_lies_on_terrain_by_closing_ends_and_length(
     assert ContourGround().on_terrain(Contour(3.0, line, closed)) == expected
 
 
+@pytest.mark.parametrize(("across", "expected"), [(50.0, True), (54.0, False), (np.inf, False)])
+def test_a_contour_across_all_data_is_long__whatever_they_measure(across: float, expected: bool) -> None:
+    line = np.array([[85_000.0, 447_000.0], [85_010.0, 447_030.0], [85_010.0, 447_050.0]])
+    assert ContourGround().on_terrain(Contour(3.0, line, False), across) == expected
+
+
 def test_contours_apart_and_both_terrains_are_steps() -> None:
     cloud, _ = hilly_scene()
     steps: dict[str, Any] = {}

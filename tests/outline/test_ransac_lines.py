@@ -73,3 +73,30 @@ def test_no_point_is_left_outside_where_segments_make_no_ring(
             away = np.minimum(away, shapely.distance(shapely.points(xy), footprint.polygon))
         assert np.quantile(away, 0.99) < method.shortest * spacing
         assert (away > method.shortest * spacing).sum() <= 1
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, 33.0])
+def test_a_stretch_that_segments_leave_outside_comes_back_alone(angle: float) -> None:
+    method, spacing, lost = RansacLines(), 0.35, 0
+    limit = method.shortest * spacing
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        x = np.arange(12.0, 16.0, spacing)
+        ragged = np.c_[x, 12.0 + rng.uniform(2.0, 6.0, len(x))][::-1]  # climbers on a wall: no straight run
+        corners = np.vstack([[[0.0, 0.0], [30.0, 0.0], [30.0, 12.0]], ragged, [[0.0, 12.0]]])
+        plan = affinity.translate(affinity.rotate(Polygon(corners), angle, origin=(0, 0)), 84900.0, 447500.0)
+        ring = shapely.get_coordinates(shapely.segmentize(plan.exterior, spacing))[:-1]
+        boundary = Boundary((ring,), np.c_[ring, np.full(len(ring), 6.0)], spacing)
+        adjusted = method.adjusted_ring(ring, spacing, lambda name, value: None)
+        drawn = method.draw(boundary, lambda name, value: None)
+        away = shapely.distance(shapely.points(ring), drawn)
+        assert drawn.is_valid and away.max() < limit
+        if adjusted is None or not Polygon(adjusted).is_valid:
+            continue
+        lost += shapely.distance(shapely.points(ring), Polygon(adjusted)).max() > limit
+        walls = plan.exterior.buffer(0.05).intersection(drawn.exterior).length
+        run = np.diff(shapely.get_coordinates(drawn.exterior), axis=0)
+        off = np.degrees(np.arctan2(run[:, 1], run[:, 0])) - angle
+        square = np.abs((off + 45.0) % 90.0 - 45.0) < 0.5
+        assert np.hypot(*run[square].T).sum() > 50.0 and walls > 50.0  # three walls of 54 m
+    assert lost > 3  # the segments alone leave it out

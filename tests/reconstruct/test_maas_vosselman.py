@@ -95,6 +95,25 @@ def test_the_closed_solution_runs_in_its_own_chain(ground_plan: bool) -> None:
     assert fitted["house_eaves_sd_m"] > 0.0 and closed["house_eaves_sd_m"] is None
     assert (fitted["house_length_m"] == pytest.approx(14.0, abs=1e-6)) == ground_plan
     assert abs(closed["house_orientation_deg"] - np.degrees(0.5)) < 2.0
+    assert fitted["house_axes"] == ("plan" if ground_plan else "points")
+    assert (fitted["house_length_closed_m"] is None) == ground_plan
+
+
+def test_an_outline_drawn_from_the_points_is_no_ground_plan() -> None:
+    points, plan = drawn_gable()
+    wider = shapely.affinity.rotate(plan.buffer(0.05, join_style="mitre"), 1.0)
+    for agreement, axes, turn in ((None, "plan", 1.0), (0.9, "points", 0.0)):
+        outline = Footprint(wider, agreement=agreement)
+        model = reconstruct_building(points, outline, [], 0.0, MaasVosselman())
+        assert isinstance(model, BuildingModel)
+        facts = model.attributes
+        assert facts["house_axes"] == axes
+        assert facts["house_orientation_deg"] == pytest.approx(np.degrees(0.5) + turn, abs=0.3)
+        assert facts["house_length_m"] == pytest.approx(
+            14.1 if agreement is None else 14.0, abs=1e-6 if agreement is None else 0.09
+        )
+        assert (facts["house_length_closed_m"] is None) == (agreement is None)
+        assert facts["house_ridge_closed_m"] == pytest.approx(9.0, abs=0.25)
 
 
 def test_a_roof_that_is_no_standard_house_is_made_of_its_faces() -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from benchmarks.accuracy.moments import SCANS, Truth, uneven_scan
 
 from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint
+from eaves.recipe.recipe import make_recipe
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.moments.building import ParametricBuilding, extent_of, fit_building
 from eaves.reconstruct.moments.invariants import (
@@ -309,3 +311,23 @@ def test_a_roof_reaches_on_under_a_wide_dormer() -> None:
     house = fit_building(points)
     assert isinstance(house, ParametricBuilding)
     assert abs(house.width - 10.0) < 0.25
+
+
+@pytest.mark.parametrize("name", list(SCANS)[:4])
+def test_sums_over_points_beat_triangles_on_scan_lines__not_at_random(name: str) -> None:
+    off: dict[bool, list[float]] = {True: [], False: []}
+    for number in range(20):
+        for sums, found in off.items():
+            rng = np.random.default_rng([29, number])
+            truth = Truth("gable", 12.0, 8.0, 0.7, rng.uniform(0.0, np.pi))
+            house = fit_building(uneven_scan(truth, name, rng), closed_only=True, sums=sums)
+            assert isinstance(house, ParametricBuilding)
+            found.append(house.closed.length - 12.0)
+    of_sums, of_triangles = (float(np.sqrt(np.mean(np.square(off[sums])))) for sums in (True, False))
+    assert (of_sums < of_triangles) == ("lines" in name)
+
+
+def test_sums_are_on_as_published_and_off_by_default() -> None:
+    assert (Moments().sums, Moments.as_published().sums) == (False, True)
+    chain = make_recipe(source="maas_vosselman", published=True).reconstruct
+    assert chain.model_dump()["houses"]["sums"]

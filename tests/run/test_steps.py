@@ -11,19 +11,20 @@ import rasterio
 from tests.conftest import write_laz
 
 import eaves
-from eaves.flow.intermediates import StepMaps, lines_of
+from eaves.flow.intermediates import StepMaps, lines_of, split_parts
 from eaves.ground.contours import Contour
 from eaves.methods import resolve_method
 from eaves.model import Bounds, Raster
+from eaves.outline.alpha_shape import AlphaShape
 from eaves.raster.grid import empty_raster
 from eaves.raster.surfaces import make_scene
 from eaves.recipe.sources import SOURCES
 from eaves.simulate.objects.roofs import ExactScene
 
 FIRST = {
-    "chen_sun": "detect_patches",
-    "xiao2014": "ground_walls",
-    "ren_fcs": "ground_surface",
+    "chen_sun": "detect_DTM detect_patches",
+    "xiao2014": "ground_regions roof_labels",
+    "ren_fcs": "ground_surface detect_nDSM detect_Sobel_heights",
     "roof_attributes": "detect_cosine_of_slope",
     "maas_vosselman": "detect_texture",
 }
@@ -34,8 +35,7 @@ def test_each_step_of_a_source_is_a_map(source: str, nine_roofs_file: Path, tmp_
     summary = eaves.build(nine_roofs_file, tmp_path, source=source, steps=True, outputs=("footprints",))
     maps = sorted((tmp_path / "steps").glob("*/*.tif"))
     titles = [path.stem.split("_", 1)[1] for path in maps]
-    assert FIRST[source] in titles
-    assert "detect_regions" in titles
+    assert {*FIRST[source].split(), "ground_classes", "detect_regions"} <= set(titles)
     assert {title.split("_")[0] for title in titles} <= set(SOURCES[source].methods)
     assert [path.stem for path in (tmp_path / "steps").glob("*.png")] == [maps[0].parent.name]
     for path in maps:
@@ -115,3 +115,65 @@ def test_steps_change_no_other_file(nine_roofs_file: Path, tmp_path: Path) -> No
     one, two = ((tmp_path / name / "buildings.city.jsonl").read_bytes() for name in ("with", "without"))
     assert one == two
     assert not (tmp_path / "without" / "steps").exists()
+
+
+@pytest.mark.parametrize(("slope", "without"), [(0.0, 1), (0.05, 0)])
+def test_a_run_says_in_how_many_blocks_no_contour_lies_on_terrain(
+    slope: float, without: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(0.0, 150.0, (60_000, 2))
+    house = (np.abs(xy - 75.0) < [6.0, 4.0]).all(axis=1)
+    z = 3.1 + slope * xy[:, 0] + np.where(house, 5.0, 0.0)
+    write_laz(tmp_path / "a.laz", np.c_[xy, z] + [84_960.0, 447_120.0, 0.0])
+    with caplog.at_level("INFO", logger="eaves"):
+        eaves.build(tmp_path / "a.laz", tmp_path / "out", source="ren_fcs", outputs=("footprints",))
+    starts = json.loads((tmp_path / "out" / "run.json").read_text())["ground_starts"]
+    assert starts == {"blocks": 1, "without contours on terrain": without}
+    said = [line for line in caplog.messages if "have no contours on terrain" in line]
+    assert len(said) == without
+
+
+def test_ground_regions_are_drawn_where_outliers_leave_first(
+    nine_roofs: ExactScene, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    xyz = nine_roofs.cloud.xyz + [84960.0 + 120.0, 447120.0 + 100.0, 0.0]
+    middle = xyz[:, :2].mean(axis=0)
+    birds = np.array([[*middle, xyz[:, 2].max() + 80.0], [*(middle + 9.0), xyz[:, 2].min() - 60.0]])
+    write_laz(tmp_path / "a.laz", np.vstack([xyz, birds]))
+    with caplog.at_level("INFO", logger="eaves"):
+        eaves.build(tmp_path / "a.laz", tmp_path / "out", source="xiao2014", steps=True, outputs=("models",))
+    maps = {path.stem.split("_", 1)[1]: path for path in (tmp_path / "out" / "steps").glob("*/*.tif")}
+    images = {}
+    for title in ("ground_regions", "ground_classes", "roof_labels", "detect_regions"):
+        with rasterio.open(maps[title]) as image:
+            images[title] = image.read(1)
+    regions, classes = images["ground_regions"], images["ground_classes"]
+    number, count = np.unique(regions[classes == 2], return_counts=True)
+    assert count.max() > 0.9 * count.sum() and number[count.argmax()] > 0  # the ground is one region
+    assert {7.0, 18.0} & set(np.unique(classes[np.isfinite(classes)]))
+    buildings = np.unique(images["detect_regions"][images["detect_regions"] > 0])
+    planes = [set(np.unique(images["roof_labels"][images["detect_regions"] == one])) for one in buildings]
+    shared = [a & b - {0.0} for k, a in enumerate(planes) for b in planes[:k]]
+    assert not any({one for one in both if np.isfinite(one)} for both in shared)  # colours of their own
+
+
+def test_a_step_that_is_no_map_is_noted() -> None:
+    points = np.array([[40.2, 50.2, 9.0], [40.3, 50.3, 9.1]])
+    maps = StepMaps(empty_raster(Bounds(0.0, 0.0, 100.0, 100.0), 0.5), {"detect"})
+    keep = maps.of("detect", points)
+    keep("of something else", np.arange(5))
+    keep("nothing", np.zeros((0, 3)))
+    keep("heights", np.array([1.0, 2.0]))
+    maps.of("roof", points)("not asked for", np.arange(5))
+    assert list(maps.maps) == ["detect heights"]
+    assert list(maps.undrawn) == ["detect of something else", "detect nothing"]
+
+
+def test_each_part_of_a_region_has_its_outline() -> None:
+    rng = np.random.default_rng(4)
+    places = [[85_010.0, 447_010.0], [85_040.0, 447_010.0]]
+    xy = np.vstack([rng.uniform(0.0, 10.0, (800, 2)) + place for place in places])
+    parts = split_parts(np.c_[xy, np.full(len(xy), 6.0)], 0.35, AlphaShape(share=0.5))
+    assert sorted(len(part) for part in parts) == [800, 800]
+    assert all(np.ptp(part[:, 0]) < 11.0 for part in parts)

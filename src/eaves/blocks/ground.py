@@ -15,6 +15,7 @@ from eaves.ground import classify_ground
 from eaves.ground.stage import numbers_within
 from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
+from eaves.methods import Emit, ignore
 from eaves.model import (
     GRID_STEP,
     GROUND,
@@ -43,6 +44,8 @@ nothing."""
 DECK_REACH = 4.0 * RULES.widest + COARSEST_M
 """Distance (m) from a square within which large objects decide its decks."""
 
+STARTS = "starts"
+"""Array of a block's result: how many its terrain begins with, of a filter that names them."""
 Records = NDArray[Any]
 BlockPoints = tuple[Block, NDArray[np.int32]]
 
@@ -207,8 +210,13 @@ def classify_block(view: GroundView, parameters: Recipe) -> dict[str, NDArray[An
     """Classes and, where the filter finds them, parts of a block's points, in the order of its files."""
     clock = Clock()
     core = Bounds(0.0, 0.0, view.block.side, view.block.side)
-    results = classify_inside(view.cloud, core, view.large, parameters)
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, NDArray[Any]] = {STARTS: np.array(0)} if parameters.ground.start else {}
+
+    def count(name: str, value: Any) -> None:
+        if name == parameters.ground.start:
+            arrays[STARTS] = np.array(len(value))
+
+    results = classify_inside(view.cloud, core, view.large, parameters, count)
     for name, values in zip(("class", "part"), results, strict=True):
         if values is not None:
             arrays[name] = np.empty_like(values)
@@ -218,7 +226,7 @@ def classify_block(view: GroundView, parameters: Recipe) -> dict[str, NDArray[An
 
 
 def classify_inside(
-    cloud: PointCloud, core: Bounds, wide: WideObjects | None, recipe: Recipe
+    cloud: PointCloud, core: Bounds, wide: WideObjects | None, recipe: Recipe, emit: Emit = ignore
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """The classes of the points (K,) inside a block, and the parts the filter found on the way."""
     inside = numbers_within(core, cloud.xyz)
@@ -226,7 +234,10 @@ def classify_inside(
         cloud = with_ground_classes(cloud, recipe.ground_classes)
     if len(inside) == 0:
         return np.zeros(0, np.uint8), None
-    classified = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide, core=core)
+    debug = emit if recipe.ground.start else None
+    classified = classify_ground(
+        cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide, core=core, debug=debug
+    )
     assert classified.classification is not None
     return classified.classification[inside], None if classified.part is None else classified.part[inside]
 

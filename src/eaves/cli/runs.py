@@ -119,7 +119,8 @@ def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
 
 
 def read_settings(words: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The tables by stage that `stage.parameter=value` make; values as in TOML, else text.
+    """The tables by stage that `stage.parameter=value` make; values as in TOML, else text. Of a method that
+    is a parameter of another one, a parameter is `stage.method.parameter`.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def read_settings(words: Sequence[str]) -> dict[str, dict[str, Any]]:
     """
     import tomllib
 
-    from eaves.methods import REGISTRY
+    from eaves.methods import REGISTRY, merged
 
     tables: dict[str, dict[str, Any]] = {}
     for word in words:
@@ -140,7 +141,9 @@ def read_settings(words: Sequence[str]) -> dict[str, dict[str, Any]]:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             value = text
-        tables.setdefault(stage, {})[parameter] = value
+        for part in reversed(parameter.split(".")):
+            value = {part: value}
+        tables = merged(tables, {stage: value})
     return tables
 
 
@@ -177,12 +180,13 @@ def read_recipe(
     from dataclasses import replace
 
     from eaves.flow.run import recipe_of
+    from eaves.methods import merged
     from eaves.run.options import METHOD_OPTIONS, check_options
 
     options.update(check_options(options))
     tables, settings = read_config(given[0]), read_settings(given[1] or ())
     for stage in {*tables, *settings}:
-        named = {**tables.get(stage, {}), **(options.get(stage) or {}), **settings.get(stage, {})}  # type: ignore[dict-item]
+        named = merged({**tables.get(stage, {}), **(options.get(stage) or {})}, settings.get(stage, {}))  # type: ignore[dict-item]
         options[stage] = named  # type: ignore[literal-required]
     given_methods: dict[str, Any] = {stage: options.get(stage) for stage in METHOD_OPTIONS}
     look_in_this_folder([str(table.get("method")) for table in given_methods.values() if table])

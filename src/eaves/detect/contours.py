@@ -117,7 +117,9 @@ class Contours(SurfaceDetector):
     )
 
     def groups(self, scene: Scene, grid: SurfaceGrid, high: Mask, emit: Emit) -> tuple[Labels, Values]:
+        emit("nDSM", grid.cells.raster(grid.height))
         emit("high cells", grid.cells.raster(high))
+        emit("Sobel heights", grid.cells.raster(sobel_height(grid.surface)))
         edged = self.keep_edged(grid, high)
         emit("edged groups", grid.cells.raster(edged))
         bend = quadratic_gradient(grid.surface)

@@ -105,6 +105,12 @@ class NormalEcho(Detector):
         gt=0.0,
         le=90.0,
     )
+    flat_links: bool = parameter(
+        True,
+        "Neighbours of one surface also lie in each other's plane: a step of like normals parts them.",
+        off=False,
+        step="a step parts a surface",
+    )
     noise_area: float = parameter(
         NOISE_AREA_M2, "Smaller smooth regions are noise; as before.", unit="m²", ge=0.0
     )
@@ -214,7 +220,7 @@ class NormalEcho(Detector):
             return part
         xyz = scene.cloud.xyz[left]
         planes = local_planes(xyz, NEIGHBOURS, NEIGHBOURS)
-        region = grow_regions(xyz, planes, self.smooth_angle)
+        region = grow_regions(xyz, planes, self.smooth_angle, self.flat_links)
         area = region_areas(xyz, region, 2.0 * planes.spacing)
         part[left[(area < self.noise_area)[region]]] = NOISE
         return part

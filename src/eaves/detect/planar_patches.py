@@ -185,6 +185,7 @@ class PlanarPatches(Detector):
         side = self.cell or side_near(max(1.0, 3.0 * scene.spacing))
         cells = Cells.of(xyz, side)
 
+        emit("DTM", scene.dtm)
         sums, patch = self.find_patches(xyz, height, cells)
         emit("patches", cells.raster(patch))
         planes = self.merge_patches(sums, patch, cells)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 from shapely import Polygon
+from shapely.affinity import rotate
 
 from eaves.figures.party_walls import envelope_figures
 from eaves.figures.trust import judge
 from eaves.geometry.face_table import FaceTable
 from eaves.model import OVERHANGS, ROOF_SURFACE, BuildingModel, Failure
+
+PLACE = ("x_m", "y_m", "orientation_deg", "length_m", "width_m")
+"""What of the row of a primitive is its rectangle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +35,8 @@ class BuildingRow:
     code: str | None
     """Of a failure; of a model the reason why it is coarser than asked for."""
     seconds: Mapping[str, float]
+    primitives: Sequence[Mapping[str, Any]] = ()
+    """The parameters of each house that it was modelled as, of methods that do (`PRIMITIVES`)."""
 
     @classmethod
     def of(cls, result: BuildingModel | Failure, seconds: Mapping[str, float]) -> BuildingRow:
@@ -47,6 +54,7 @@ class BuildingRow:
             modelled,
             row["failure_code"],
             seconds,
+            result.attributes.get("primitive_rows", ()) if isinstance(result, BuildingModel) else (),
         )
 
     def numbered(self, number: int, walls: Mapping[str, float] | None) -> dict[str, Any]:
@@ -101,6 +109,15 @@ def describe_model(result: BuildingModel | Failure) -> dict[str, Any]:
     row["failure_reason"] = row.pop("fallback_reason", None)
     trust, badness, reason = judge(row)
     return row | {"trust": trust, "trust_score": round(1.0 - badness, 3), "review_reason": reason}
+
+
+def primitive_rows(rows: Iterable[BuildingRow]) -> Iterator[tuple[Polygon, dict[str, Any]]]:
+    """Rectangle (world metres) and attributes of every primitive of buildings that are made of them."""
+    for row in rows:
+        for one in row.primitives:
+            x, y, turn, length, width = (one[f"house_{name}"] for name in PLACE)
+            box = shapely.box(x - 0.5 * length, y - 0.5 * width, x + 0.5 * length, y + 0.5 * width)
+            yield rotate(box, turn), {"building_id": row.values["id"], **one}
 
 
 def roof_rows(result: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[str, Any]]]:

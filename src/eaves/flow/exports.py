@@ -72,7 +72,7 @@ MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
 }
 
 OUTPUT_FILES = {
-    "footprints": ("footprints.gpkg", "review.csv", "buildings.qgz"),
+    "footprints": ("footprints.gpkg", "review.csv", "primitives.csv", "buildings.qgz"),
     "models": ("buildings.city.jsonl",),
     "mask": ("mask.tif", "mask.vrt"),
     "rasters": ("dtm.tif", "dsm.tif", "ndsm.tif", "dtm.vrt", "dsm.vrt", "ndsm.vrt"),

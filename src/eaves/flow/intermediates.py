@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,11 +25,13 @@ from eaves.ground import classify_ground
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.methods import REGISTRY, Emit
 from eaves.model import Block, Bounds, BuildingModel, Failure, Points, Raster
-from eaves.outline import regularise_outlines, trace_outline
+from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.grid import empty_raster, heights_of, highest_points, whole_cells
 from eaves.recipe.sources import find_source
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
+
+log = logging.getLogger("eaves")
 
 COLUMNS, PANEL_INCHES, TITLE_INCHES, DOTS_AN_INCH = 4, 2.6, 0.3, 110
 
@@ -40,6 +43,8 @@ class StepMaps:
     def __init__(self, grid: Raster, stages: Collection[str]) -> None:
         self.grid, self.stages = grid, stages
         self.maps: dict[str, Raster] = {}
+        self.undrawn: dict[str, None] = {}
+        """Steps that are no map, or empty."""
         self.models: list[BuildingModel] = []
         self.triangles = np.zeros((0, 3, 3))
 
@@ -48,13 +53,21 @@ class StepMaps:
         self.triangles = np.zeros((0, 3, 3))
 
         def keep(name: str, value: Any) -> None:
+            title = f"{stage} {name}"
             drawn = self.drawn(value, points) if stage in self.stages else None
             if drawn is None:
+                if stage in self.stages and not is_corners(value):
+                    self.undrawn[title] = None
                 return
-            title = f"{stage} {name}"
             before = self.maps.get(title)
             if before is not None and before.shape == drawn.shape:
-                drawn = drawn.with_(values=np.where(np.isnan(drawn.values), before.values, drawn.values))
+                values = drawn.values
+                if (
+                    isinstance(value, np.ndarray) and value.dtype.kind == "i"
+                ):  # they begin anew in each building
+                    highest = np.nanmax(np.append(before.values, 0.0))
+                    values = np.where(values > 0, values + highest, values)
+                drawn = drawn.with_(values=np.where(np.isnan(values), before.values, values))
             self.maps[title] = drawn
 
         return keep
@@ -64,8 +77,10 @@ class StepMaps:
         if isinstance(value, Raster):
             return value.with_(values=value.values.astype(np.float32))
         values = np.asarray(value) if isinstance(value, np.ndarray) else np.zeros((0, 0, 0))
-        if values.shape[1:] == (3,) and values.dtype.kind == "i":  # numbers of their points
+        if is_corners(values):
             self.triangles = points[values]
+            return None
+        if isinstance(value, np.ndarray) and value.size == 0:
             return None
         if values.ndim < 3 and len(values) in (len(points), len(self.triangles)):
             rising = values if values.ndim == 1 else values[:, 2]  # of a vector: how it rises
@@ -95,6 +110,11 @@ class StepMaps:
         return self.grid.with_(values=cells.astype(np.float32))
 
 
+def is_corners(value: Any) -> bool:
+    """True for the triangles (T, 3) of a mesh by the numbers of their points: what follows is drawn on it."""
+    return isinstance(value, np.ndarray) and value.shape[1:] == (3,) and value.dtype.kind == "i"
+
+
 def lines_of(value: Any) -> list[LineString]:
     """The lines of polygons, rings, contours, segments (K, 4) and lists of them; none of anything else."""
     if isinstance(value, Polygon):
@@ -121,18 +141,20 @@ def block_steps(run: Run, view: BlockView, wide: WideObjects | None) -> StepMaps
     maps = StepMaps(empty_raster(whole_cells(Bounds.of(xyz), side), side), stages)
     if not recipe.use_classes:
         raw = scene.cloud.with_(classification=None, part=None).in_canonical_order()
-        classify_ground(raw, recipe.ground, wide=wide, debug=maps.of("ground", raw.xyz))
+        keep = maps.of("ground", raw.xyz)
+        keep("classes", classify_ground(raw, recipe.ground, wide=wide, debug=keep).classification)
     if recipe.detect is None:
         return maps
     area, height = recipe.smallest
     keep = maps.of("detect", xyz)
     regions = detect_buildings(on_decks, recipe.detect, min_area=area, min_height=height, debug=keep)
     maps.of("detect", xyz)("regions", regions.label)
-    order = np.argsort(regions.label, kind="stable")
+    order, houses = np.argsort(regions.label, kind="stable"), list[Points]()
     for points in np.split(order, np.flatnonzero(np.diff(regions.label[order])) + 1):
         if regions.label[points[0]] == 0:
             continue
-        house = xyz[points]
+        houses += split_parts(xyz[points], scene.spacing, recipe.outline)
+    for house in houses:
         boundary = trace_outline(house, scene.spacing, recipe.outline, debug=maps.of("outline", house))
         if isinstance(boundary, Failure):
             continue
@@ -148,6 +170,12 @@ def block_steps(run: Run, view: BlockView, wide: WideObjects | None) -> StepMaps
     return maps
 
 
+def split_parts(points: Points, spacing: float, outline: OutlineMethod) -> list[Points]:
+    """The points (N, 3) of each part of a region that has an outline of its own."""
+    number = outline.parts(points, spacing)
+    return [points[number == part] for part in range(int(number.max()) + 1)]
+
+
 def write_steps(run: Run, blocks: Sequence[Block], see: Callable[[Step, Block], Any]) -> list[Path]:
     """Write the maps of each block to `steps/BLOCK/` as GeoTIFF, in the order of the steps, and one picture
     of them all to `steps/BLOCK.png`; the files. Values are as the methods have them: metres and numbers.
@@ -160,6 +188,8 @@ def write_steps(run: Run, blocks: Sequence[Block], see: Callable[[Step, Block], 
         for number, (title, raster) in enumerate(steps.maps.items(), 1):
             files.append(folder / f"{number:02d}_{title.replace(' ', '_')}.tif")
             write_raster(files[-1], raster, run.index.system, block.origin, heights=False)
+        if missing := [title for title in steps.undrawn if title not in steps.maps]:
+            log.info("steps of block %s that are empty or no map: %s", block.name, ", ".join(missing))
         files.append(folder.with_suffix(".png"))
         draw_steps(files[-1], steps)
     return files
@@ -174,11 +204,8 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
     count = len(steps.maps) + bool(steps.models)
     rows = -(-count // COLUMNS)
     finite = {title: np.isfinite(raster.values) for title, raster in steps.maps.items()}
-    boxes = [box_of(raster, finite[title]) for title, raster in steps.maps.items() if finite[title].any()]
-    ends = np.array(boxes or [(0.0, 1.0, 0.0, 1.0)])
-    west, south = map(float, ends[:, [0, 2]].min(axis=0))
-    east, north = map(float, ends[:, [1, 3]].max(axis=0))
-    height = PANEL_INCHES * float(np.clip((north - south) / (east - west), 0.5, 2.0)) + TITLE_INCHES
+    west, south, east, north = steps.grid.bounds
+    height = 0.8 * PANEL_INCHES * float(np.clip((north - south) / (east - west), 0.5, 2.0)) + TITLE_INCHES
     figure = Figure((PANEL_INCHES * COLUMNS, height * rows), layout="constrained")
     for number, (title, raster) in enumerate(steps.maps.items(), 1):
         panel, values = figure.add_subplot(rows, COLUMNS, number), raster.values
@@ -209,14 +236,6 @@ def draw_steps(path: Path, steps: StepMaps) -> None:
     if steps.models:
         draw_models(figure.add_subplot(rows, COLUMNS, count, projection="3d"), steps.models, count)
     figure.savefig(path, dpi=DOTS_AN_INCH, metadata={"Software": None})
-
-
-def box_of(raster: Raster, filled: Any) -> tuple[float, float, float, float]:
-    """West, east, south and north end of the cells (H, W) that are known."""
-    row, column = np.nonzero(filled)
-    west, north = raster.west + raster.cell * column.min(), raster.north - raster.cell * row.min()
-    east, south = raster.west + raster.cell * (column.max() + 1), raster.north - raster.cell * (row.max() + 1)
-    return west, east, south, north
 
 
 def draw_models(panel: Any, models: Sequence[BuildingModel], number: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +17,7 @@ import shapely
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
+from eaves.blocks.ground import STARTS
 from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
 from eaves.figures.party_walls import (
     PARTY_GAP,
@@ -25,10 +27,12 @@ from eaves.figures.party_walls import (
     with_decimals,
     with_walls,
 )
+from eaves.figures.rows import primitive_rows
 from eaves.figures.trust import judge
 from eaves.flow.advice import feet_remark
 from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
 from eaves.flow.review import (
+    HOUSES,
     LAYER,
     REVIEW,
     describe_doubts,
@@ -37,6 +41,7 @@ from eaves.flow.review import (
     face_doubts,
     review_rows,
     write_review,
+    write_table,
 )
 from eaves.flow.run import Run, stated_request
 from eaves.flow.step import Region, Step, Work, results_of
@@ -45,6 +50,7 @@ from eaves.formats import write_cityjson_seq
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
+from eaves.model.columns import LAYERS
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.manifest import MANIFEST, begin_manifest, set_aside, work_of_persons
@@ -55,6 +61,8 @@ from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
     from eaves.flow.classified_points import PointSink
+
+log = logging.getLogger("eaves")
 
 COUNTED = ("by_lod", "trust", "failures", "fallbacks")
 """What is counted of buildings, as the summary and run.json name it."""
@@ -138,8 +146,13 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(buildings, owners, results.shared)
         roofs, review = BuildingRows(buildings, owners, faces=True), review_rows(buildings.rows(owners))
-        write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
+        houses = [Row(box, with_decimals(facts)) for box, facts in primitive_rows(buildings.rows(owners))]
+        write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from, houses)
         files.append(write_review(folder / REVIEW, review, system))
+        if houses:
+            files.append(
+                write_table(folder / HOUSES, [one.attributes for one in houses], LAYERS["primitives"])
+            )
         files += export_footprints(folder, rows, roofs, system, formats, made_from, failed)
         return Written(files, None, failed)
     if step == "models":
@@ -309,6 +322,15 @@ def read_metadata(region: Region) -> list[BlockMetadata]:
     return metadata
 
 
+def ground_starts(region: Region) -> dict[str, int]:
+    """Number of blocks, and of those in which the ground filter has nothing to begin with, which is said."""
+    counts = [int(region.store.array(GROUND.name, block, STARTS)) for block in region.shown]
+    start, empty = region.run.recipe.ground.start, counts.count(0)
+    if empty:
+        log.info("%d of %d blocks have no %s: see the ground filter", empty, len(counts), start)
+    return {"blocks": len(counts), f"without {start}": empty}
+
+
 def summarise(
     region: Region, metadata: Sequence[BlockMetadata], owners: Sequence[Block], files: Sequence[Path]
 ) -> Summary:
@@ -331,6 +353,8 @@ def summarise(
     peak = round(max(region.peak, peak_memory_mb()))
     facts = {**stated_request(run), "crs": run.index.system.code, "peak_memory_mb": peak, **tiles}
     facts["remarks"] = list(run.remarks)
+    if run.recipe.ground.start and not (run.recipe.use_classes or run.by_tiles):
+        facts["ground_starts"] = ground_starts(region)
     remote = {"remote": run.remote} if run.remote else {}
     return Summary(
         folder=run.folder,

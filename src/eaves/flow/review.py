@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -20,7 +20,7 @@ from eaves.formats.vectors.geopackage import Row
 from eaves.model import Block, CoordinateSystem, Doubt
 from eaves.run.world_squares import WIDE_SQUARE
 
-REVIEW = "review.csv"
+REVIEW, HOUSES = "review.csv", "primitives.csv"
 COLUMNS = ("rank", "id", "trust", "worth_m2", "reason", "link", "x", "y")
 """Of review.csv; x and y are a place inside the building, in the units of the reference system."""
 
@@ -59,16 +59,22 @@ def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
 
 def write_review(path: Path, rows: Sequence[Row], system: CoordinateSystem) -> Path:
     """Write the rows of the layer `review` (world metres) as a table, also where there are none; its path."""
+    records, unit = [], system.horizontal_unit_m
+    for row in rows:
+        place = {}
+        if row.geometry is not None and not row.geometry.is_empty:
+            point = row.geometry.representative_point()
+            place = {"x": round(point.x / unit, 2), "y": round(point.y / unit, 2)}
+        records.append({**row.attributes, **place})
+    return write_table(path, records, COLUMNS)
+
+
+def write_table(path: Path, records: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> Path:
+    """Write those columns of records as a table, also where there are none; its path."""
     with atomic(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
-        for row in rows:
-            place = {}
-            if row.geometry is not None and not row.geometry.is_empty:
-                point = row.geometry.representative_point()
-                unit = system.horizontal_unit_m
-                place = {"x": round(point.x / unit, 2), "y": round(point.y / unit, 2)}
-            writer.writerow({**row.attributes, **place})
+        writer.writerows(records)
     return path
 
 

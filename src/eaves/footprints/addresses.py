@@ -121,8 +121,8 @@ def units_of(
     )
     if len(division.parts) < 2:
         return [], ()
-    parts = [Footprint(part, origin=footprint.origin, score=building.score) for part in division.parts]
-    return parts, division.certainty
+    drawn = replace(footprint, id="", score=building.score, attributes={})
+    return [drawn.with_(polygon=part) for part in division.parts], division.certainty
 
 
 def parts_of(
@@ -136,7 +136,8 @@ def parts_of(
         if part is not None:
             here = part.polygon.contains(address.polygon.representative_point())
             parts.append(part.with_(id=part.id if here else "", score=building.score))
-    return [*parts, *(Footprint(polygon, origin=footprint.origin) for polygon in unclaimed)] if parts else []
+    rest = replace(footprint, id="", score=1.0, attributes={})
+    return [*parts, *(rest.with_(polygon=polygon) for polygon in unclaimed)] if parts else []
 
 
 def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> Integers:

@@ -46,8 +46,9 @@ def find_walls_and_trees(
     return part
 
 
-def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> Integers:
-    """Region (N,), counted from 0: connected points of like normals (degrees) with no step between them."""
+def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float, flat_links: bool = True) -> Integers:
+    """Region (N,), counted from 0: connected points of like normals (degrees), with `flat_links` with no step
+    between them."""
     likeness, rise = np.cos(np.radians(smooth_angle)), np.sin(np.radians(smooth_angle))
 
     def joined(neighbour: Integers) -> Mask:
@@ -58,7 +59,8 @@ def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> Integ
             np.abs((link * planes.normals).sum(axis=1)),
             np.abs((link * planes.normals[neighbour]).sum(axis=1)),
         )
-        return np.asarray(alike & (off <= np.maximum(rise * length, 3.0 * planes.noise)))
+        flat = off <= np.maximum(rise * length, 3.0 * planes.noise)
+        return np.asarray(alike & flat if flat_links else alike)
 
     return connected_points(planes, joined).astype(np.int64)
 

@@ -158,10 +158,11 @@ class ContourGround(GroundMethod):
     Followed: steps 1 to 3 of the paper, the three properties of a contour, nearest-neighbour gridding. The
     paper prints no number and does not describe the iteration; cell, interval, lengths, and the rule above
     are ours. Closing is read as: a closed contour is not on terrain, which costs hills inside the data;
-    length, as that of an open one. The first round of the iteration makes the filter: a mean error of 29.9 %
-    on fourteen scans is 10.3 % after one round and 8.4 % after ten. Where the contours of walls lie over one
-    another, the lowest holds. A block so flat that no contour lies on terrain begins with the lowest point of
-    each cell of `least_length`.
+    length, as that of an open one. Data narrower than both lengths show a part of each contour: one that
+    runs across them is long. The first round of the iteration makes the filter. Where the contours of walls
+    lie over one another, the lowest holds. Flat terrain has no contour; a block in which none lies on terrain
+    begins with the lowest point of each cell of `least_length`, and a run counts and says such blocks.
+    Contours carry the method where terrain has relief; on flat terrain those lowest points do better.
 
     Fails where
     -----------
@@ -178,6 +179,7 @@ class ContourGround(GroundMethod):
     """
 
     name: ClassVar[str] = "contours"
+    start: ClassVar[str] = "contours on terrain"
     idea: ClassVar[str] = "Long open contours of the surface lie on terrain, short and closed ones do not."
     paper: ClassVar[str] = "ren_fcs"
 
@@ -190,7 +192,7 @@ class ContourGround(GroundMethod):
     interval: float = parameter(0.5, "Contour interval.", unit="m", gt=0.0)
     end_distance: float = parameter(
         40.0,
-        "An open contour with ends farther apart than this lies on terrain.",
+        "An open contour with ends farther apart than this, or across all data, lies on terrain.",
         unit="m",
         off=1e-3,
         step="open contours: end distance",
@@ -198,7 +200,7 @@ class ContourGround(GroundMethod):
     )
     least_length: float = parameter(
         120.0,
-        "An open contour longer than this, with its ends far apart, lies on terrain.",
+        "An open contour longer than this, or than all data across, and with far ends, lies on terrain.",
         unit="m",
         off=1e-3,
         step="open contours: length",
@@ -226,9 +228,10 @@ class ContourGround(GroundMethod):
         surface = self.grid_surface(xyz, cell)
         emit("surface", surface)
         contours = self.draw_contours(surface)
-        on_terrain = [contour for contour in contours if self.on_terrain(contour)]
-        emit("contours on terrain", on_terrain)
-        emit("contours off terrain", [contour for contour in contours if not self.on_terrain(contour)])
+        across = cell * (min(surface.shape) - 2)
+        on_terrain = [contour for contour in contours if self.on_terrain(contour, across)]
+        emit(self.start, on_terrain)
+        emit("contours off terrain", [one for one in contours if not self.on_terrain(one, across)])
         terrain = self.first_terrain(on_terrain, surface, xyz)
         emit("first terrain", terrain)
         terrain = self.refine(terrain, surface)
@@ -249,10 +252,11 @@ class ContourGround(GroundMethod):
         first, last = np.ceil(low / self.interval), np.floor(high / self.interval)
         return trace_contours(surface, np.arange(first, last + 1) * self.interval)
 
-    def on_terrain(self, contour: Contour) -> bool:
-        """True if a contour lies on terrain: by closing, distance of its ends, and length."""
-        far = contour.end_distance > self.end_distance and contour.length > self.least_length
-        return far and not contour.closed
+    def on_terrain(self, contour: Contour, across: float = np.inf) -> bool:
+        """True if a contour lies on terrain: by closing, distance of its ends, and length, none of them more
+        than the data are `across` (m)."""
+        far = contour.end_distance > min(self.end_distance, across)
+        return far and contour.length > min(self.least_length, across) and not contour.closed
 
     def first_terrain(self, contours: list[Contour], surface: Raster, xyz: Points) -> Raster:
         """Linear between the contours on terrain; where several cross a cell the lowest holds."""

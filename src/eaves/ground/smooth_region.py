@@ -99,6 +99,12 @@ class SmoothRegion(GroundMethod):
         gt=0.0,
         le=90.0,
     )
+    flat_links: bool = parameter(
+        True,
+        "Neighbours of one surface also lie in each other's plane: a step of like normals parts them.",
+        off=False,
+        step="a step parts a surface",
+    )
     noise_area: float = parameter(
         NOISE_AREA_M2,
         "Regions smaller than this are noise: never ground, never a building.",
@@ -139,7 +145,7 @@ class SmoothRegion(GroundMethod):
             return ground, part
         xyz = cloud.xyz[smooth]
         planes = local_planes(xyz, self.neighbours, self.neighbours)  # again, without walls and trees
-        region = grow_regions(xyz, planes, self.smooth_angle)
+        region = grow_regions(xyz, planes, self.smooth_angle, self.flat_links)
         every = np.zeros(len(cloud), np.int64)
         every[smooth] = region + 1
         emit("regions", every)

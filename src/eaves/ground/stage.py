@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,8 @@ class GroundMethod(Method):
     """
 
     stage: ClassVar[str] = "ground"
+    start: ClassVar[str] = ""
+    """Name of the intermediate that a block's terrain begins with; a run says in how many it is empty."""
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         """Mask (N,) of the points that are ground; see the class."""
@@ -167,8 +169,9 @@ def classify_ground(
         patch = filter_.find_wide_objects(Floor.of(clean))
         wide = None if patch is None else WideObjects((patch,))
     over = np.zeros(len(clean), bool) if wide is None else wide.over(clean)
+    emit = ignore if debug is None else of_all_points(emitter(debug), place, len(cloud))
     with naming(filter_):
-        mask, unsure = filter_.separate(clean, over, emitter(debug), core)
+        mask, unsure = filter_.separate(clean, over, emit, core)
     is_mask = is_array(mask, len(clean), "b")
     check_returned(filter_, is_mask, f"an array ({len(clean)},) of bool", mask)
     classes[place[mask]] = GROUND
@@ -177,6 +180,20 @@ def classify_ground(
         part = np.zeros(len(cloud), np.uint8)
         part[place] = unsure
     return cloud.with_(classification=classes, part=part)
+
+
+def of_all_points(emit: Emit, place: Integers, count: int) -> Emit:
+    """An `Emit` that takes numbers of the points `place` (M,) as numbers of all points (N,), without 0, NaN
+    where none were computed: the filter sees no outliers, and the caller does not know which they are."""
+
+    def spread(name: str, value: Any) -> None:
+        if isinstance(value, np.ndarray) and value.shape == (len(place),):
+            every = np.full(count, np.nan) if value.dtype.kind == "f" else np.zeros(count, value.dtype)
+            every[place] = value
+            value = every
+        emit(name, value)
+
+    return spread
 
 
 def numbers_within(bounds: Bounds, xyz: Points) -> Integers:

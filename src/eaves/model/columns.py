@@ -24,6 +24,17 @@ MONTHS = (
     *("January", "February", "March", "April", "May", "June", "July"),
     *("August", "September", "October", "November", "December"),
 )
+HOUSE = (
+    ("x", "m", "Middle of the house, x", "in metres, also where coordinates are in feet"),
+    ("y", "m", "Middle of the house, y", "in metres, also where coordinates are in feet"),
+    ("orientation", "deg", "Axis of the house", "of the ridge, counter-clockwise from the x axis, 0 to 180"),
+    ("length", "m", "Length of the house", "along the ridge"),
+    ("width", "m", "Width of the house", "across the ridge"),
+    ("eaves", "m", "Eaves of the house", "above the datum"),
+    ("ridge", "m", "Ridge of the house", "above the datum"),
+    ("slope", "deg", "Slope of the house", "of its roof, mean of both sides"),
+)
+"""The parameters of a house, each as it stands, in closed form, and with its standard deviation."""
 COLUMNS: dict[str, Column] = {
     "id": Column("Building", "", "id of the building, the same in every run", str),
     "number": Column("Number", "", "what building_id says in the classified points", int),
@@ -153,6 +164,21 @@ COLUMNS: dict[str, Column] = {
         f"light_{number:02d}_kwh_m2": Column(f"Sunlight in {month}", "kWh/m²", "mean over the face")
         for number, month in enumerate(MONTHS, 1)
     },
+    "primitive": Column("Primitive", "", "its number among those of the building", int),
+    "made_by": Column("Made by", "", "moments, or plane_intersection where it is no standard house", str),
+    "house_type": Column("Type of house", "", "flat, shed, gable, hip, half_hip or pyramid", str),
+    "house_axes": Column(
+        "Source of the axes", "", "of place, axis and sides: the points, a given plan, or the outline", str
+    ),
+    **{
+        f"house_{name}{kind}_{unit}": Column(f"{title}{of}", "°" if unit == "deg" else unit, meaning)
+        for kind, of in (("", ""), ("_closed", ", closed solution"), ("_sd", ", standard deviation"))
+        for name, unit, title, meaning in HOUSE
+    },
+    "house_ridge_offset_m": Column("Offset of the ridge", "m", "from the middle of the house"),
+    "house_parts": Column("Dormers", "", "and terraces of the house", int),
+    "house_parts_m2": Column("Area of the dormers", "m²", "in plan"),
+    "house_rmse_m": Column("Residual", "m", "root mean square of the points that the roof explains"),
     "given_attribution": Column(
         "Attribution of the footprint",
         "",
@@ -220,6 +246,11 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),
         *("share_no_data", "no_data", "h_low", "h_high", "h_ground", "inlier_share", "density", "coverage"),
         "weak",
+    ),
+    "primitives": (
+        *("building_id", "primitive", "made_by", "house_type", "house_axes"),
+        *(f"house_{name}{kind}_{unit}" for name, unit, *_ in HOUSE for kind in ("", "_closed", "_sd")),
+        *("house_ridge_offset_m", "house_parts", "house_parts_m2", "house_rmse_m"),
     ),
 }
 """The columns of a run's layers, in their order: also those of a layer without rows. `attributes` is a table

@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import kernel
 from eaves.methods import Emit, parameter
 from eaves.model import Boundary
@@ -38,14 +39,14 @@ class RansacLines(AlphaOutline):
     printed in the former. Random sampling is replaced by all pairs of boundary points that are 1, 2, 4, 8, …
     points apart: the same lines are found, and found again in the next run. A stretch between two segments
     that is itself longer than `shortest` becomes a segment through its points; what is shorter is a corner.
-    Lines that meet farther than `corner_reach` from the boundary make no corner. Where the adjusted segments
-    make no ring, or one that leaves more of the boundary outside than a corner, the boundary stays as traced.
+    Lines that meet farther than `corner_reach` from the boundary make no corner. A stretch of the boundary
+    that the adjusted segments leave farther outside than a corner comes back as traced; where they make no
+    ring, all of it.
 
     Fails where
     -----------
     the building is round, or its walls shorter than `shortest`; and at edges: the outline
-    lies about half a spacing inside the eaves, as in the source. One stretch that the segments leave outside
-    keeps the whole boundary as traced: of large blocks most are.
+    lies about half a spacing inside the eaves, as in the source.
 
     Complexity
     ----------
@@ -74,15 +75,19 @@ class RansacLines(AlphaOutline):
         return self.alpha * spacing
 
     def draw(self, boundary: Boundary, emit: Emit) -> Polygon:
-        """The adjusted segments; where they make no ring, or leave more of the boundary outside than the
-        corners that are no segment, the boundary itself."""
+        """The adjusted segments, with each stretch of the boundary as traced that they leave farther outside
+        than a corner; where they make no ring, the boundary itself."""
         outer, *inner = (self.adjusted_ring(ring, boundary.spacing, emit) for ring in boundary.rings)
-        if outer is not None:
-            drawn = Polygon(outer, [ring for ring in inner if ring is not None])
-            away = shapely.distance(shapely.points(boundary.rings[0]), drawn)
-            if drawn.is_valid and away.max() <= self.shortest * boundary.spacing:
-                return drawn
-        return Polygon(boundary.rings[0], boundary.rings[1:]).simplify(boundary.spacing)
+        traced = Polygon(boundary.rings[0], boundary.rings[1:]).simplify(boundary.spacing)
+        drawn = traced if outer is None else Polygon(outer, [ring for ring in inner if ring is not None])
+        if not (drawn.is_valid and traced.is_valid):
+            return traced
+        limit, border = self.shortest * boundary.spacing, shapely.points(boundary.rings[0])
+        outside = border[shapely.distance(border, drawn) > limit]
+        missed = shapely.get_parts(shapely.difference(traced, drawn))
+        back = [one for one in missed if (shapely.distance(outside, one) <= boundary.spacing).any()]
+        whole = shapely.union_all([drawn, *back], grid_size=COORDINATE_STEP) if back else drawn
+        return whole if whole.geom_type == "Polygon" else traced
 
     def adjusted_ring(
         self, ring: NDArray[np.float64], spacing: float, emit: Emit
@@ -91,7 +96,8 @@ class RansacLines(AlphaOutline):
         origin = ring[0].copy()
         local = ring - origin
         runs = long_runs(local, self.near * spacing, self.skip, self.shortest * spacing)
-        emit("segments", runs)
+        ends = np.array(runs, np.int64).reshape(-1, 2) % len(ring)
+        emit("segments", ring[ends].reshape(-1, 4))
         if len(runs) < 3:
             return None
         sigma = 0.5 * self.near * spacing

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import shapely
@@ -17,13 +17,15 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding
+from eaves.reconstruct.moments.building import ParametricBuilding, rectangle_around
 from eaves.reconstruct.moments.method import (
+    PRIMITIVES,
     RoofPart,
     find_parts,
     house_segments,
     measures,
     name_cells,
+    place_of,
     rectangle_of,
     to_world,
     to_world_plane,
@@ -47,6 +49,18 @@ class Primitive:
     house: ParametricBuilding | None
     parts: list[RoofPart]
 
+    def row(self, number: int, footprint: Footprint) -> dict[str, Any]:
+        """Its row of the table `primitives`: the parameters of a house, or where its piece lies."""
+        if self.house is not None:
+            return {
+                "primitive": number,
+                "made_by": Moments.name,
+                **measures(self.house, self.parts, footprint.origin),
+            }
+        axes = "plan" if footprint.agreement is None else "outline"
+        place = place_of(rectangle_around(self.piece), footprint.origin)
+        return {"primitive": number, "made_by": PlaneIntersection.name, "house_axes": axes, **place}
+
 
 class MaasVosselman(Reconstructor):
     """A building from its ground plan: standard houses from moments, other roofs from intersected faces.
@@ -67,7 +81,8 @@ class MaasVosselman(Reconstructor):
     that a ground plan may be given, and takes one building after the other. Cutting the plan, the choice
     between the two by cover and residuals, and one plan for both are ours. The cover is measured against the
     area of the plan itself, not of its rectangle. No tolerance is printed. `houses` says whether the closed
-    solution stands or starts a fit, and whether axes and sizes are those of the plan; walls always are.
+    solution stands or starts a fit, and whether axes and sizes are those of a given plan; without one they
+    are those of the moments. Walls are the plan's, given or drawn.
 
     Fails where
     -----------
@@ -112,26 +127,30 @@ class MaasVosselman(Reconstructor):
             return seen_points
         roof = points[seen_points[1]]
         pieces, cuts = cut_plan(footprint.polygon, self.least_fill, self.smallest_primitive)
-        primitives = [self.shape(piece, roof) for piece in pieces]
+        given = footprint.agreement is None
+        primitives = [self.shape(piece, roof, given) for piece in pieces]
         emit("primitives", pieces)
         houses = [(part.house, part.parts) for part in primitives if part.house is not None]
         emit("moments", [rectangle_of(house) for house, _ in houses])
         emit("dormers", [rectangle_of(house, part.edges) for house, parts in houses for part in parts])
-        facts = {"primitives": len(primitives), "primitives_by_moments": len(houses)}
+        rows = [one.row(number, footprint) for number, one in enumerate(primitives, 1)]
+        facts = {"primitives": len(primitives), "primitives_by_moments": len(houses), PRIMITIVES: rows}
         if houses:
             joint = self.join(primitives, cuts, points, seen_points, footprint, planes, ground, emit)
             if joint is not None:
                 if len(primitives) == 1:
-                    facts |= measures(*houses[0])
+                    facts |= measures(*houses[0], footprint.origin)
                 return joint.with_(attributes={**joint.attributes, **facts})
-        facts["primitives_by_moments"] = 0
+        rows = [replace(one, house=None).row(number, footprint) for number, one in enumerate(primitives, 1)]
+        facts |= {"primitives_by_moments": 0, PRIMITIVES: rows}
         model = self.faces.model(points, footprint, planes, ground, emit)
         return model if isinstance(model, Failure) else model.with_(attributes={**model.attributes, **facts})
 
-    def shape(self, piece: Polygon, roof: Points) -> Primitive:
-        """The house over a piece of the plan among all roof points (N, 3), if it is a standard one."""
+    def shape(self, piece: Polygon, roof: Points, given: bool) -> Primitive:
+        """The house over a piece of a plan, `given` or drawn, among all roof points (N, 3), if it is a
+        standard one."""
         members = roof[points_inside(roof, piece)]
-        house = self.houses.house_of(members, piece)
+        house = self.houses.house_of(members, piece, given)
         if isinstance(house, Failure):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width

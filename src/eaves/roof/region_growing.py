@@ -123,6 +123,7 @@ class RegionGrowing(RoofMethod):
         off=0.0,
         ge=0.0,
     )
+    join_coplanar: bool = parameter(True, "Touching regions that one plane explains become one.", off=False)
     noise_sample: int = parameter(
         300,
         "Points whose neighbourhoods tell the noise before the number of neighbours is chosen.",
@@ -204,8 +205,10 @@ class RegionGrowing(RoofMethod):
         return labels
 
     def join(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
-        """Labels (N,) with touching coplanar regions made one."""
+        """Labels (N,), 1…J without gaps, with touching coplanar regions made one, where they are joined."""
         labels = without_gaps(labels)
+        if not self.join_coplanar:
+            return labels
         touching = touching_regions(labels, local.neighbours[:, :12], int(labels.max(initial=0)))
         return join_coplanar(points, labels, touching, self.join_tolerance(local.noise), 1.2)
 

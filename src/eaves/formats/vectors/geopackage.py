@@ -83,9 +83,11 @@ def write_geopackage(
     review: Iterable[Row] = (),
     doubts: Iterable[Row] = (),
     provenance: Provenance = NOTHING_KNOWN,
+    primitives: Iterable[Row] = (),
 ) -> None:
-    """Write the layers `footprints`, `roof_planes` and, where they have rows, `review` and `doubts` of a
-    GeoPackage, geometry in the system's units; and the table `attributes`, further columns by `id`.
+    """Write the layers `footprints`, `roof_planes` and, where they have rows, `review`, `doubts` and
+    `primitives` of a GeoPackage, geometry in the system's units; and the table `attributes`, further columns
+    by `id`.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
     null. The columns have the order in which the rows name them first. Styles for QGIS and the columns'
@@ -107,6 +109,8 @@ def write_geopackage(
         Places where the scan could not decide, and why; likewise.
     provenance : Provenance
         Data the rows are made from, recorded in the file.
+    primitives : iterable of Row
+        Parametric houses of which buildings are made; likewise.
 
     Raises
     ------
@@ -126,7 +130,7 @@ def write_geopackage(
     layers: dict[str, Iterable[Row]] = {"footprints": Columns(footprints, False), "roof_planes": roof_planes}
     if any(DETAILS & row.attributes.keys() for row in footprints):
         layers["attributes"] = Columns(footprints, True)
-    lists = {"review": review, "doubts": doubts}
+    lists = {"review": review, "doubts": doubts, "primitives": primitives}
     layers |= {layer: rows for layer, rows in lists.items() if list(islice(rows, 1))}
     write_layers(path, layers, system, provenance)
 

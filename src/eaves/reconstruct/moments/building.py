@@ -203,6 +203,8 @@ class ParametricBuilding(Rectangle):
     inlier: Mask = field(repr=False)
     empty_share: float
     """Share of the rectangle that the points, with their border, do not cover."""
+    on_plan: bool = False
+    """True if place, orientation, length and width are those of a ground plan."""
 
 
 def fit_building(
@@ -210,21 +212,22 @@ def fit_building(
     plan: Polygon | None = None,
     *,
     closed_only: bool = False,
+    sums: bool = False,
 ) -> ParametricBuilding | Failure:
     """The parametric house under roof points (N, 3), or a Failure when there are too few.
 
     With a ground plan, place, orientation, length and width are those of its least rectangle. With
     `closed_only` nothing is fitted: roof, edges and heights are those of the closed solution, and how sure
-    they are is not known (NaN).
+    they are is not known (NaN). Moments are integrals over triangles, or `sums` over points.
     """
     if len(points) < FEWEST_POINTS:
         return Failure("too_few_points", f"{len(points)} roof points for a parametric house", "reconstruct")
     triangles = Tin(points[:, :2]).triangles
-    moments = surface_moments(points, triangles)
+    moments = surface_moments(points, triangles, sums)
     if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
     rectangle = None if plan is None else rectangle_around(plan)
-    forms, best = solve_closed(points, triangles, rectangle)
+    forms, best = solve_closed(points, triangles, rectangle, sums)
     if not closed_only:
         best = choose_fit(points, forms, turns=rectangle is None)
     inlier = np.abs(best.residuals) <= CUT * best.scale
@@ -237,11 +240,12 @@ def fit_building(
         above = points[~rim & (best.residuals > 0.0)]
         frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
     covered = covered_area(points, triangles) * border_growth(len(points)) ** 2
-    return describe_building(best, forms[0], frame, inlier, covered)
+    house = describe_building(best, forms[0], frame, inlier, covered)
+    return replace(house, on_plan=rectangle is not None)
 
 
 def solve_closed(
-    points: Points, triangles: NDArray[np.int32], plan: Rectangle | None
+    points: Points, triangles: NDArray[np.int32], plan: Rectangle | None, sums: bool = False
 ) -> tuple[list[ClosedForm], ParametricFit]:
     """The closed solutions, first the one that explains points (N, 3) best, and its roof with residuals.
 
@@ -249,10 +253,11 @@ def solve_closed(
     integrated again, until the same points are off.
     """
     heights, off = points, np.zeros(len(points), bool)
+    growth = 1.0 if sums else border_growth(len(points))  # points spread over all of it have its moments
     for _ in range(CLOSED_ROUNDS):
-        moments = surface_moments(heights, triangles)
+        moments = surface_moments(heights, triangles, sums)
         level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
-        forms = closed_forms(moments, level, border_growth(len(points)), plan)
+        forms = closed_forms(moments, level, growth, plan)
         fits = [closed_fit(points, closed) for closed in forms]
         order = np.argsort(costs_of(fits), kind="stable")
         best = fits[order[0]]

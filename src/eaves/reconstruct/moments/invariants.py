@@ -54,8 +54,8 @@ class SurfaceMoments:
     imaginary: float
 
 
-def surface_moments(xyz: Points, triangles: NDArray[np.int32]) -> SurfaceMoments:
-    """The moments of the surface of triangles (T, 3) over points (N, 3).
+def surface_moments(xyz: Points, triangles: NDArray[np.int32], sums: bool = False) -> SurfaceMoments:
+    """The moments of the surface of triangles (T, 3) over points (N, 3), or `sums` over these points.
 
     Integrals over triangles, unlike sums over points, do not follow the density of the points.
     """
@@ -65,9 +65,11 @@ def surface_moments(xyz: Points, triangles: NDArray[np.int32]) -> SurfaceMoments
     total = float(area.sum())
     if total <= 0.0:
         return SurfaceMoments(*np.zeros(14).tolist())
-    mean = (area[:, None] * corners.mean(axis=1)).sum(axis=0) / total
-    x, y, h = np.moveaxis(np.einsum("qk,tkd->tqd", RULE, corners) - mean, -1, 0)
-    weight = area[:, None] * WEIGHTS / total
+    places, weight, mean = xyz, np.full(len(xyz), 1.0 / len(xyz)), xyz.mean(axis=0)
+    if not sums:
+        mean = (area[:, None] * corners.mean(axis=1)).sum(axis=0) / total
+        places, weight = np.einsum("qk,tkd->tqd", RULE, corners), area[:, None] * WEIGHTS / total
+    x, y, h = np.moveaxis(places - mean, -1, 0)
     xx, xy, yy = x * x, x * y, y * y
     fourth = (xx * xx - 6.0 * xx * yy + yy * yy, 4.0 * xy * (xx - yy))
     integrals = (xx, xy, yy, h * x, h * y, h * xx, h * xy, h * yy, *fourth)
