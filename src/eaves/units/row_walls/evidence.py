@@ -156,8 +156,8 @@ def wall_odds(signs: Values) -> Values:
 
 
 def traits_of(signs: Values) -> Values:
-    """The columns (S + 1, K) that `WEIGHTS` weigh, from the signs (S + 1, 5) of a whole row: rises and contrast
-    count by how much they are more than the mean around each step.
+    """The columns (S + 1, K) that `WEIGHTS` weigh, from the signs (S + 1, 5) of a whole row: rises and
+    contrast count by how much they are more than the mean around each step.
     """
     share, valley, ridge, rise, contrast = signs.T
     full = np.clip(2.0 * valley - 0.5, 0.0, 1.0)
