@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.measures import Separation, nothing, separate
 from eaves.detect.consensus.segments import Segments
-from eaves.detect.consensus.separation import Separation, nothing, separate
 from eaves.detect.consensus.windows import WINDOW
 from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
 from eaves.detect.toolkit.surface_grid import mean_in, share_around

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.colours import signs_of_leaves
+from eaves.detect.consensus.measures import signs_of_leaves
 from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.geometry.planes import Sums, add_point_kernel

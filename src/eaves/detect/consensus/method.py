@@ -19,13 +19,20 @@ from eaves.detect.consensus.classifier import (
     score_regions,
     surface_odds,
 )
-from eaves.detect.consensus.colours import COLOURS, Counts, count_signs, has_colours, learned, signs_of_leaves
 from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
+from eaves.detect.consensus.measures import (
+    COLOURS,
+    Counts,
+    Separation,
+    count_signs,
+    has_colours,
+    learned,
+    signs_of_leaves,
+)
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments
-from eaves.detect.consensus.separation import Separation
 from eaves.detect.consensus.unseen_roofs import VoidRules, find_hidden_roofs, find_roof_voids
 from eaves.detect.consensus.windows import WINDOW, WindowRules
 from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector
