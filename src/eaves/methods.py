@@ -146,6 +146,14 @@ class Method(BaseModel):
         rougher than laser scans by `roughness` (m); itself where both are 0, or nothing follows."""
         return self
 
+    def unless_set(self, **parameters: Any) -> Self:
+        """The method with these parameters, but for those that were set to another value than the default."""
+        fields = type(self).model_fields
+        free = {
+            name: value for name, value in parameters.items() if getattr(self, name) == fields[name].default
+        }
+        return self.model_copy(update=free) if free else self
+
     def __init__(self, **parameters: Any) -> None:
         try:
             super().__init__(**parameters)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
+from eaves.blocks.block import see_regions
 from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.classifier import nothing, separate
-from eaves.model import Scene
+from eaves.detect.consensus.measures import count_signs, learned, nothing, separate
+from eaves.model import Block, Scene
 from eaves.raster.surfaces import make_scene
+from eaves.recipe.recipe import make_recipe
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.standard import StandardScene
 from tests.detect.made_scenes import MadeScene
@@ -117,3 +122,29 @@ def test_a_building_on_the_rim_of_the_data_is_a_doubt() -> None:
     assert [doubt.reason for doubt in doubts] == ["a building on the rim of the data"]
     assert doubts[0].x < 1.0 and 20.0 < doubts[0].y < 32.0
     assert doubts[0].stage == "detect"
+
+
+def test_roofs_are_told_from_relief_and_crowns_by_what_smooth_places_show_beside_them() -> None:
+    rng = np.random.default_rng(1)
+    terrain, crowns = rng.normal(0.33, 0.1, 50_000), rng.normal(0.6, 0.12, 20_000)
+    roofs = rng.normal(0.13, 0.06, 2_000)
+    smooth = np.concatenate([roofs, terrain[:8_000], crowns[:4_000]])
+    found = learned(count_signs(terrain, crowns, smooth), alike=49.0)
+    assert found.roof == pytest.approx(0.13, abs=0.02)
+    assert found.crown == pytest.approx((8 * 0.33 + 4 * 0.6) / 12, abs=0.03)
+    assert found.trust > 0.9
+
+
+def test_colours_tell_nothing_where_nothing_smooth_rises() -> None:
+    rng = np.random.default_rng(2)
+    terrain = rng.normal(0.33, 0.1, 50_000)
+    assert learned(count_signs(terrain, terrain[:900], terrain[:20]), alike=49.0).power == 0.0
+
+
+def test_what_blocks_around_count_is_added_up_for_a_block_without_roofs() -> None:
+    counts = [np.full((3, 150), number) for number in (1.0, 2.0)]
+    found = [{"signs": counts[0]}, {}, {"signs": counts[1]}]
+    blocks = [Block(column, 0, 240.0) for column in range(3)]
+    window = cast("Any", SimpleNamespace(with_ground=lambda ground: None, file=np.zeros(0)))
+    view = see_regions(blocks[1], window, {}, {}, {}, dict(zip(blocks, found, strict=True)), make_recipe())
+    assert (view.signs == 3.0).all()

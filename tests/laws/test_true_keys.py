@@ -20,7 +20,7 @@ from eaves.change.upkeep.corrected import correct, outlines_in
 from eaves.flow.region import bring_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
 from eaves.flow.step import Input, Region, Step, bring, home_of
-from eaves.flow.steps import SHOWN, STEPS
+from eaves.flow.steps import SHOWN, SIGNS, STEPS
 from eaves.model import Block
 from eaves.pipeline import build_run, compute_buildings, end_run, hold_folder
 from eaves.reconstruct.overhangs import OverhangRules
@@ -102,7 +102,7 @@ def test_a_detector_does_not_reach_the_ground_nor_a_roof_the_regions(kept: Run, 
     assert changed(before, keys_in(tree, kept)) == {"buildings", "edited"}
     before = keys_in(tree, kept)
     add_line(tree / "detect" / "consensus" / "method.py")
-    assert changed(before, keys_in(tree, kept)) == {"regions"}
+    assert changed(before, keys_in(tree, kept)) == {"signs", "regions"}
 
 
 def test_comments_docstrings_and_formatting_change_no_key(kept: Run, tree: Path) -> None:
@@ -138,7 +138,7 @@ def with_method(stage: str, **parameters: Any) -> Callable[[Run], Run]:
 
 CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
     "a number of the ground filter": (with_method("ground", angle=9.0), {"large", "ground"}),
-    "a number of the detector": (with_method("detect", min_height=2.1), {"regions"}),
+    "a number of the detector": (with_method("detect", min_height=2.1), {"signs", "regions"}),
     "the outline": (with_recipe(outline=eaves.AlphaShape()), {"buildings"}),
     "the units": (with_recipe(units=None), {"buildings"}),
     "the roof": (with_recipe(roof=eaves.RegionGrowing()), {"buildings", "edited"}),
@@ -151,11 +151,11 @@ CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
     ),
     "the classes of the files": (
         with_recipe(use_classes=True),
-        {"large", "decks", "ground", "regions"},
+        {"large", "decks", "ground", "signs", "regions"},
     ),
     "the numbers of the ground": (with_recipe(ground_classes=(2, 8)), {"ground"}),
-    "vegetation": (with_recipe(vegetation=None), {"regions"}),
-    "water, wires and bridges": (with_recipe(others=False), {"regions"}),
+    "vegetation": (with_recipe(vegetation=None), {"signs", "regions"}),
+    "water, wires and bridges": (with_recipe(others=False), {"signs", "regions"}),
     "small buildings": (with_recipe(smallest=(0.0, 0.0)), {"regions"}),
     "snapping": (lambda run: run.with_options(snap_footprints=True), {"buildings"}),
     "later scans": (lambda run: replace(run, generations=(3,)), {"superseded"}),
@@ -232,8 +232,9 @@ def test_nothing_changed_nothing_is_computed(again: Again) -> None:
     assert again.computed(again.opened()) == {}
 
 
-INPUTS = [(step, one) for step in STEPS[3:] for one in step.takes]
-"""The points of later scans, of dense and of smoothed ones have tests of their own (change, run, raster)."""
+INPUTS = [(step, one) for step in STEPS[3:] for one in step.takes if SIGNS not in (step, one.source)]
+"""Points of later scans, of dense and of smoothed ones, and colours have tests of their own (change, run,
+raster, detect)."""
 
 
 def reaches(one: Input, run: Run, unit: Block, square: Block) -> bool:

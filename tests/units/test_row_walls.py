@@ -12,7 +12,7 @@ from shapely import affinity, box
 
 from eaves.units import divide_block
 from eaves.units.row_walls.division import MergeRules, RowUnits, merged_units
-from eaves.units.row_walls.evidence import EVEN, USUAL_NOISE_M, Roofs, roof_noise, wall_signs
+from eaves.units.row_walls.evidence import EVEN, USUAL_NOISE_M, Roofs, roof_noise, traits_of, wall_signs
 from eaves.units.row_walls.method import LARGE, SURE, chances_of, odds_of_several, sums_kernel
 from eaves.units.row_walls.rows import HouseRow, Plan
 
@@ -143,11 +143,39 @@ def test_a_deep_hall_of_as_many_bays_is_less_likely_several_than_a_row() -> None
     told = []
     for depth in (9.0, 25.0):
         row = HouseRow(
-            np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(96), np.full(96, depth)
+            np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(96), np.full(96, depth), depth
         )
         units = RowUnits(row, np.array([24, 48, 72]), np.full(3, 0.9))
         told.append(odds_of_several([units], [np.full(97, 2.0)], round(240 * depth), 24 * depth))
     assert told[1] < 0.0 < told[0]
+
+
+def test_no_house_of_rows_back_to_back_reaches_into_the_other_row() -> None:
+    front = scanned_row([0.0, 0.8, 0.2, 1.0, 0.3, 0.9], density=20.0)
+    back = scanned_row([0.9, 0.1, 0.7, 0.0, 0.6, 1.2], density=20.0, seed=2)
+    for row in (front, back):
+        row[:, 1] *= 15.0 / DEPTH
+    points = np.vstack([front, back + [0.5 * HOUSE, 15.0, 0.0]])
+    outline = shapely.union_all([box(0, 0, 6 * HOUSE, 15), box(0.5 * HOUSE, 15, 6.5 * HOUSE, 30)])
+    parts = divide_block(points, points[:, 2], outline, 0.3).parts
+    assert len(parts) == 12
+    houses = [box(k * HOUSE, 0, (k + 1) * HOUSE, 15) for k in range(6)]
+    houses += [affinity.translate(house, 0.5 * HOUSE, 15) for house in houses]
+    for house in houses:
+        shared = shapely.area(shapely.intersection(parts, house))
+        assert (shared / (shapely.area(parts) + house.area - shared)).max() > 0.85
+
+
+def test_what_rises_or_changes_all_over_a_roof_is_no_sign_of_a_wall() -> None:
+    signs = np.zeros((97, 5))
+    signs[:, 3], signs[:, 4] = 0.2, 3.0
+    assert np.abs(traits_of(signs)[:, 4:]).max() < 1e-12
+    signs[:, 3:] = 0.0, EVEN
+    signs[48, 3:] = 0.2, 3.0
+    traits = traits_of(signs)
+    assert (traits[48, 4:] > 1.0).all()
+    assert np.abs(traits[:24, 4:]).max() < 1e-12
+    assert traits[47, 4:].max() < 0.0
 
 
 def test_each_wall_has_a_certainty__and_a_part_that_of_its_least_sure() -> None:

@@ -74,12 +74,17 @@ class BlockScenes(NamedTuple):
     wires: Mask
 
 
-def block_pass(cloud: PointCloud, around: Surroundings, recipe: Recipe) -> BlockResult:
+def block_pass(
+    cloud: PointCloud,
+    around: Surroundings,
+    recipe: Recipe,
+    signs: NDArray[np.float64] | None = None,
+) -> BlockResult:
     """Rasters and regions of one block.
 
     `cloud` bears the classes of the ground stage. It must hold the points of the block and of its
     surroundings up to `recipe.scene_buffer`, and no others: then the result does not depend on the files or
-    tiles they came from.
+    tiles they came from. `signs` are those that the detector counted around it.
     """
     clock = Clock()
     scenes = make_scenes(cloud, around, recipe)
@@ -87,7 +92,9 @@ def block_pass(cloud: PointCloud, around: Surroundings, recipe: Recipe) -> Block
     clock.lap("rasters")
     regions, (least_area, least_height) = Regions(np.zeros(len(cloud), np.int32)), recipe.smallest
     if recipe.detect is not None:
-        regions = detect_buildings(scenes.seen, recipe.detect, min_area=least_area, min_height=least_height)
+        regions = detect_buildings(
+            replace(scenes.seen, signs=signs), recipe.detect, min_area=least_area, min_height=least_height
+        )
     clock.lap("detect")
     vegetation = np.zeros(len(cloud), np.uint8)
     if recipe.marks_vegetation and recipe.vegetation is not None:
@@ -141,11 +148,13 @@ def block_result(
 @dataclass(frozen=True, eq=False)
 class BlockView:
     """All that decides the rasters and regions of a block: its points with those around, with classes; the
-    file (K,) of each of those inside, where there are several; and what is wider than the block."""
+    file (K,) of each of those inside, where there are several; what is wider than the block; and what the
+    detector counted around it, if anything."""
 
     cloud: PointCloud
     file: NDArray[Any]
     around: Surroundings
+    signs: NDArray[np.float64] | None = None
 
 
 def see_regions(
@@ -154,16 +163,39 @@ def see_regions(
     ground: Mapping[Block, Mapping[str, NDArray[np.uint8]]],
     large: Mapping[Block, tuple[Patch, ...]],
     decks: Mapping[Block, tuple[Decks, ...]],
+    signs: Mapping[Block, Mapping[str, NDArray[np.float64]]],
     parameters: Recipe,
 ) -> BlockView:
     """View of a block from which its rasters and regions are computed."""
     around = surroundings_of(block, large, decks, parameters)
-    return BlockView(points.with_ground(ground), points.file, around)
+    counted = [found["signs"] for found in signs.values() if found]
+    return BlockView(
+        points.with_ground(ground), points.file, around, np.sum(counted, axis=0) if counted else None
+    )
+
+
+def see_scenes(
+    block: Block,
+    points: PointWindow,
+    ground: Mapping[Block, Mapping[str, NDArray[np.uint8]]],
+    large: Mapping[Block, tuple[Patch, ...]],
+    decks: Mapping[Block, tuple[Decks, ...]],
+    parameters: Recipe,
+) -> BlockView:
+    """View of a block in which the detector counts signs."""
+    return see_regions(block, points, ground, large, decks, {}, parameters)
+
+
+def find_signs(view: BlockView, parameters: Recipe) -> dict[str, NDArray[Any]]:
+    """What the detector counts in a block, if anything."""
+    assert parameters.detect is not None
+    counted = parameters.detect.count_signs(make_scenes(view.cloud, view.around, parameters).seen)
+    return {} if counted is None else {"signs": counted}
 
 
 def find_regions(view: BlockView, parameters: Recipe) -> dict[str, NDArray[Any]]:
     """Rasters and regions of a block, as `BlockFile` reads them."""
-    result = block_pass(view.cloud, view.around, parameters)
+    result = block_pass(view.cloud, view.around, parameters, view.signs)
     return block_arrays(result) | {"from_file": view.file}
 
 

@@ -47,7 +47,7 @@ def find_sharpened(view: Smoothed, parameters: SimpleNamespace) -> dict[str, NDA
     side = int(np.ceil((np.ptp(view.around[:, :2], axis=0).max() + cell) / cell))
     corner = view.around[:, :2].min(axis=0)
     surface, _ = gridded(view.around, cell, (side, side), (float(corner[0]), float(corner[1])))
-    change = without_blur(surface, parameters.blur / cell) - surface
+    change = without_blur(surface, parameters.blur, cell) - surface
     column, row = np.floor((view.own[:, :2] - corner) / cell).astype(np.int64).T
     quanta = np.round((view.own[:, 2] + change[row, column]) / GRID_STEP)
     return {"z": quanta.astype(np.int32)}

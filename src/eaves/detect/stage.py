@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -55,6 +56,16 @@ class Detector(Method):
     stage: ClassVar[str] = "detect"
     ground_method: ClassVar[str] = "adaptive_tin"
     """The ground filter of the detector's own paper, used unless another is asked for."""
+
+    @property
+    def signs_buffer(self) -> float:
+        """Width (m) of the surroundings of a block whose signs are added up."""
+        return 0.0
+
+    def count_signs(self, scene: Scene) -> NDArray[np.float64] | None:
+        """What is counted in a scene of images, to be added up over its surroundings and given to `label` as
+        `Scene.signs`; None for nothing."""
+        return None
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         """A label for every point of the scene; see the class."""
@@ -113,7 +124,7 @@ def detect_buildings(
     detector = resolve_method("detect", method)
     assert isinstance(detector, Detector)
     order = scene.cloud.canonical_order()
-    ordered = Scene(scene.cloud.take(order), scene.dtm, scene.dsm, scene.spacing, scene.height[order])
+    ordered = replace(scene, cloud=scene.cloud.take(order), height=scene.height[order])
     with naming(detector):
         found = detector.label(ordered, emitter(debug))
     check_regions(detector, found, len(order))

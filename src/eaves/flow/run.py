@@ -192,6 +192,11 @@ class Run:
         roofs from relief."""
         return self.facts.blur if self.coloured else 0.0
 
+    @property
+    def signs_buffer(self) -> float:
+        """Width (m) of the surroundings of a block in which colours are counted; 0 for none."""
+        return self.recipe.detect.signs_buffer if self.coloured and self.recipe.detect else 0.0
+
     @cached_property
     def coloured(self) -> bool:
         """True if it is of images, and every file has the colours that the detector takes."""

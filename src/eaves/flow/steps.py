@@ -5,7 +5,7 @@ Nothing else knows these. `eaves.flow.step` computes them; `eaves.pipeline` name
 
 from __future__ import annotations
 
-from eaves.blocks.block import find_regions, see_regions
+from eaves.blocks.block import find_regions, find_signs, see_regions, see_scenes
 from eaves.blocks.block_file import BlockFile, see_shown, show_block
 from eaves.blocks.ground import (
     classify_block,
@@ -86,14 +86,23 @@ GROUND = Step(
     reads=("ground", "use_classes", "ground_classes", "sees_wide"),
     isolated=True,
 )
+SEEN = (
+    Input(reach="scene_buffer"),
+    GROUND.within("scene_buffer"),
+    LARGE.within("scene_buffer"),
+    DECKS.within("scene_buffer"),
+)
+SIGNS = Step(
+    name=keys.SIGNS,
+    takes=SEEN,
+    see=see_scenes,
+    run=find_signs,
+    reads=("detect", "scene_buffer", "sees_wide", "marks_others"),
+    needs="coloured",
+)
 REGIONS = Step(
     name=keys.REGIONS,
-    takes=(
-        Input(reach="scene_buffer"),
-        GROUND.within("scene_buffer"),
-        LARGE.within("scene_buffer"),
-        DECKS.within("scene_buffer"),
-    ),
+    takes=(*SEEN, SIGNS.within("signs_buffer")),
     see=see_regions,
     run=find_regions,
     load=BlockFile,
@@ -149,5 +158,18 @@ SHOWN = Step(
     stays=True,
 )
 """What the files show of a block, of a run by tiles, which lets go of the other results."""
-STEPS = (SUPERSEDED, THINNED, SHARPENED, FLOORS, LARGE, DECKS, GROUND, REGIONS, BUILDINGS, EDITED, SHOWN)
+STEPS = (
+    SUPERSEDED,
+    THINNED,
+    SHARPENED,
+    FLOORS,
+    LARGE,
+    DECKS,
+    GROUND,
+    SIGNS,
+    REGIONS,
+    BUILDINGS,
+    EDITED,
+    SHOWN,
+)
 """In the order in which they run."""

@@ -103,6 +103,8 @@ class Scene:
         Mean spacing (m) of the points in plan: 1 / √density, over the area where there are points.
     height : ndarray (N,)
         Height (m) of every point above the terrain.
+    signs : ndarray or None
+        What the detector counted in the surroundings (`Detector.count_signs`); None leaves it with the scene.
 
     Examples
     --------
@@ -119,6 +121,7 @@ class Scene:
     spacing: float
 
     height: Values = field(default_factory=lambda: np.zeros(0))
+    signs: NDArray[np.float64] | None = None
 
     def _repr_png_(self) -> bytes:
         return self.cloud._repr_png_()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
@@ -28,6 +30,11 @@ ROUNDS, SHOCKS = 80, 8
 """Rounds of the minimisation, and of the shock filter: after them walls are a cell wide."""
 SHOCK_STEP = 0.4
 """Share of a cell by which the shock filter carries a surface on in a round; stable under a half."""
+TREND_M = 10.0
+"""The surface smoothed by a normal distribution of so much (m), wider than houses, is left out: slopes would
+become stairs. A third of what is known around a block."""
+NARROW_M = 4.0
+"""Width (m) of a narrow house."""
 RIPPLE = 0.06
 """Weight of the total variation (m): ripples of about that height that no wall explains go."""
 SQUARE_M, SQUARES = 120.0, 24
@@ -46,6 +53,11 @@ def cell_of(xyz: Points) -> float:
     """Side (m) of the cells in which points (N, 3) are a surface: one spacing of the area that they cover."""
     _, count = number_squares(xyz[:, :2], COVER_M)
     return float(max(LEAST_CELL_M, (COVER_M**2 * len(count) / len(xyz)) ** 0.5))
+
+
+def height_kept(blur: float) -> float:
+    """Share of its height that a narrow house keeps where walls are smoothed by `blur` (m)."""
+    return 1.0 if blur == 0.0 else math.erf(NARROW_M / (8.0**0.5 * blur))
 
 
 def edge_widths(surface: Surface, known: Mask, cell: float) -> Values:
@@ -130,13 +142,15 @@ def measure_blur(xyz: Points) -> float:
     return width / WIDTH if sharp > BOUND * float(np.median(cells)) else 0.0
 
 
-def without_blur(surface: Surface, sigma: float) -> Surface:
+def without_blur(surface: Surface, blur: float, cell: float) -> Surface:
     """A surface (H, W) as it was before it was smoothed.
 
-    Minimises ½ |g * u - z|² + λ Σ |∇u|, g the normal distribution of `sigma` cells, z the surface, by the
-    primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall of what is left of each
-    ramp.
+    Minimises ½ |g * u - z|² + λ Σ |∇u|, g the normal distribution of `blur` (m), z the surface in cells of
+    side `cell` (m), by the primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall
+    of what is left of each ramp. Both see the surface over its trend.
     """
+    sigma, trend = blur / cell, ndimage.gaussian_filter(surface, TREND_M / cell)
+    surface = surface - trend
     rows, columns = surface.shape
     margin = int(3.0 * sigma) + 4
     tall, wide = (fft.next_fast_len(size + 2 * margin, real=True) for size in surface.shape)
@@ -165,7 +179,8 @@ def without_blur(surface: Surface, sigma: float) -> Surface:
         flow[1:] -= south[:-1]
         new = fft.irfft2((fft.rfft2(u + tau * flow) + data) * shrink, s=z.shape)
         ahead, u = 2.0 * new - u, new
-    return shocked(u[margin : margin + rows, margin : margin + columns] + middle)
+    detail = u[margin : margin + rows, margin : margin + columns] + middle
+    return np.asarray(trend + shocked(detail))
 
 
 def shocked(surface: Surface) -> Surface:

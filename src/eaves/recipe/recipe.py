@@ -27,6 +27,7 @@ from eaves.model import (
     WIRE_TOWER,
 )
 from eaves.outline import OutlineMethod
+from eaves.raster.blur import height_kept
 from eaves.recipe.sources import find_source, with_source
 from eaves.reconstruct import Reconstructor
 from eaves.reconstruct.overhangs import OverhangRules
@@ -112,7 +113,13 @@ class Recipe:
     def for_scan(self, blur: float, roughness: float) -> Recipe:
         """The recipe for a scan that is smoothed and rough so far (`Method.for_scan`)."""
         detect = self.detect and self.detect.for_scan(blur, roughness)
-        return replace(self, ground=self.ground.for_scan(blur, roughness), detect=detect)
+        area, height = self.smallest
+        return replace(
+            self,
+            ground=self.ground.for_scan(blur, roughness),
+            detect=detect,
+            smallest=(area, height * height_kept(blur)),
+        )
 
     @property
     def wants_of_images(self) -> tuple[str, ...]:

@@ -233,7 +233,7 @@ def is_effective(statement: ast.stmt) -> bool:
 
 SUPERSEDED, THINNED, SHARPENED = "superseded", "thinned", "sharpened"
 FLOORS, LARGE, DECKS = "floors", "large", "decks"
-GROUND, REGIONS, BUILDINGS = "ground", "regions", "buildings"
+GROUND, SIGNS, REGIONS, BUILDINGS = "ground", "signs", "regions", "buildings"
 """Names of the steps whose results are kept; `eaves.flow.steps` is their table."""
 NAMED, EDITED = "named", "edited"
 """Layers over the buildings found: of those that an update gave their ids and versions, and of those that

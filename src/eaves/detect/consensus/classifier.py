@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.measures import Separation, nothing, separate
 from eaves.detect.consensus.segments import Segments
 from eaves.detect.consensus.windows import WINDOW
 from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
@@ -221,66 +222,6 @@ def cell_shape(
     )
 
 
-@dataclass(frozen=True)
-class Separation:
-    """A measure's means on roofs and on crowns of a scan, and its spread about them.
-
-    The log likelihood ratio of a value v is that of two normal distributions of one spread,
-    (roof - crown) / spread² · (v - (roof + crown) / 2), times `trust`, the share of the squared distance of
-    the means that chance does not explain [james_stein1961]. Where the measure is alike on both, the
-    ratio is 0 everywhere.
-    """
-
-    roof: float
-    crown: float
-    spread: float
-    trust: float
-
-    @property
-    def power(self) -> float:
-        """Power of the measure to part roofs from crowns: 0 none, 1 without mistake."""
-        distance = self.trust * ((self.roof - self.crown) / self.spread) ** 2
-        return distance / (1.0 + distance)
-
-    def log_ratio(self, value: Values, most: float) -> Values:
-        """Log likelihood ratio for a roof, of values of any shape, no larger than `most` either way."""
-        slope = self.trust * (self.roof - self.crown) / self.spread**2
-        ratio = slope * (value - (self.roof + self.crown) / 2)
-        return np.asarray(np.clip(ratio, -most, most), np.float64)
-
-
-def nothing() -> Separation:
-    """The measure tells nothing."""
-    return Separation(0.0, 0.0, 1.0, 0.0)
-
-
-def separate(value: Values, roof: Values, terrain: tuple[float, float] | None = None) -> Separation:
-    """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
-
-    Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
-    a scan is no witness there. The cells of a window share its points and are one observation. Where
-    colours stand for echoes, `terrain` (mean, variance) is no roof either, with the weight of the roofs: what
-    rises and has the colours of the terrain is a part of it or grows there.
-    """
-    crown = 1.0 - roof
-    weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
-    mean, variance, weight = (0.0, 0.0, 0.0) if terrain is None else (*terrain, weight_roof)
-    if min(weight_roof, weight_crown + weight) < WINDOW**2:
-        return nothing()
-    on_roofs = float((roof * value).sum()) / weight_roof
-    on_crowns = (float((crown * value).sum()) + weight * mean) / (weight_crown + weight)
-    scatter = float((crown * (value - on_crowns) ** 2).sum()) + weight * (variance + (mean - on_crowns) ** 2)
-    scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof + scatter / (weight_crown + weight)
-    weight_crown += weight
-    spread = max(1e-3, float(np.sqrt(scatter / 2)))
-    distance = on_crowns - on_roofs
-    if distance <= 0.0:
-        return nothing()
-    chance = spread**2 * WINDOW**2 * (1.0 / weight_roof + 1.0 / weight_crown)
-    trust = max(0.0, 1.0 - chance / distance**2)
-    return Separation(on_roofs, on_crowns, spread, trust)
-
-
 class Told(NamedTuple):
     """Log-likelihood ratios from returns and penetration at places."""
 
@@ -343,9 +284,10 @@ def measured_terms(
     max_residual: float,
     weights: Weights,
     limits: EvidenceRules,
+    colours: Separation | None = None,
 ) -> Terms:
-    """The terms of all surfaces and of `judged` cells (H, W), all candidates among them, with what echoes and
-    penetration tell in this very scan.
+    """The terms of all surfaces and of `judged` cells (H, W), all candidates among them, with what echoes, or
+    `colours` in their place, and penetration tell in this very scan.
 
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
     separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
@@ -354,7 +296,7 @@ def measured_terms(
     cells = rows, columns
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     most, number = limits.most_log_ratio, segments.label[cells]
-    most *= COLOUR_WEIGHT if evidence.terrain else 1.0
+    most *= COLOUR_WEIGHT if colours else 1.0
     # roofs keep company, while in a crown a plane fits here and there by chance
     company = share_around(segments.label > 0, evidence.candidate, 2 * WINDOW + 1)[cells]
     roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
@@ -368,9 +310,8 @@ def measured_terms(
     )
     of_cells = cell_shape(evidence, cells, company, enclosed, roofs, limits.enclosed, max_residual)
     # colours object to no glass, and smoothed crowns are even
-    echoes_speak = evidence.terrain is None
     even = (
-        echoes_speak
+        (colours is None)
         & (segments.area >= limits.even_area)
         & (segments.residual <= limits.even_residual * max_residual)
     )
@@ -379,8 +320,8 @@ def measured_terms(
     inner = evidence.inner_share[cells], evidence.inner_penetration[cells]
     values = [measure[seen] for measure in (several, through, *inner)]
     of_seen, large_seen, number = of_cells[seen], large[cells][seen], number[seen]
-    natural = evidence.terrain, None, evidence.terrain, None
-    echoes = penetration = inner_echoes = inner_penetration = nothing()
+    echoes = inner_echoes = colours or nothing()
+    penetration = inner_penetration = nothing()
     for rounds_left in range(limits.rounds, -1, -1):
         told = Told(segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration, most)
         surface = without_objections(with_echoes(of_surfaces, told), even, weights)
@@ -389,12 +330,10 @@ def measured_terms(
         of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][number]
         of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
         likely = 1.0 / (1.0 + np.exp(-np.where(large_seen, of_surface, of_cell)))
-        if evidence.terrain is not None and rounds_left == limits.rounds:
-            # crowns that shape takes for roofs, as in smoothed clouds all are, would hide what colours tell
-            likely = np.where(values[0] < evidence.terrain[0], likely, 0.0)
-        echoes, penetration, inner_echoes, inner_penetration = (
-            separate(value, likely, known) for value, known in zip(values, natural, strict=True)
-        )
+        measured = [separate(value, likely) for value in values]
+        penetration, inner_penetration = measured[1::2]
+        if colours is None:
+            echoes, inner_echoes = measured[::2]
     return Terms(surface, cells, of_cells, Told(several, through, echoes, penetration, most), large)
 
 

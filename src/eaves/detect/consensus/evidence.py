@@ -10,18 +10,12 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from eaves.detect.consensus.measures import signs_of_leaves
 from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.geometry.planes import Sums, add_point_kernel
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Integers, Labels, Mask, PointCloud, Points, Scene, Values
-
-COLOURS = ("red", "green", "blue")
-"""Fields of the colours that a camera sees."""
-FULL_8, FULL_16 = 255.0, 65535.0
-"""The largest value of a colour, of 8 and of 16 bits: some programs write the former for the latter."""
-SHADE = 0.5
-"""Weight of the light that is missing beside the excess green."""
+from eaves.model import Integers, Labels, Mask, Points, Scene, Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +45,6 @@ class Evidence:
     its inside."""
     height: Values
     """Mean height (m) of the cell's candidate points over the terrain."""
-    terrain: tuple[float, float] | None = None
-    """Mean and variance of the sign of leaves on the terrain, where colours are that sign."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -71,27 +63,6 @@ class Evidence:
         return np.asarray(label), int(count)
 
 
-def has_colours(cloud: PointCloud) -> bool:
-    """True if colours speak for a scan that splits no pulse."""
-    return not cloud.has_returns and set(COLOURS) <= cloud.fields.keys()
-
-
-def signs_of_leaves(cloud: PointCloud) -> Values:
-    """What each point (N,) shows of leaves: 1 where its pulse had several returns; of a scan that splits no
-    pulse how green and dark it is, 0 without colours.
-
-    Excess green is 2 g - r - b of the shares of the colours [woebbecke1995]; leaves shade each other, so that
-    half the share of light that is missing is added: both spread as far on roofs.
-    """
-    if not has_colours(cloud):
-        several = cloud.number_of_returns
-        return np.zeros(len(cloud)) if several is None else (several > 1).astype(np.float64)
-    red, green, blue = (cloud.fields[name] for name in COLOURS)
-    light = red + green + blue
-    white = 3.0 * (FULL_8 if light.max(initial=0.0) <= 3.0 * FULL_8 else FULL_16)
-    return np.asarray((3.0 * green - light) / np.maximum(light, 1.0) + SHADE * (1.0 - light / white))
-
-
 def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, limits: WindowRules) -> Evidence:
     """Evidence on cells of the given side (m).
 
@@ -102,10 +73,6 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, lim
     place, sums, height, counts, tops = gather_kernel(
         xyz, cells.cell, candidate, noise, several, scene.height, cells.size
     )
-    terrain = None
-    if has_colours(scene.cloud) and scene.cloud.ground.any():
-        on_terrain = several[scene.cloud.ground]
-        terrain = float(on_terrain.mean()), float(on_terrain.var())
     place, (count, many, under) = place.reshape(shape), counts.reshape(3, *shape)
     slope_east, slope_north, level, residual = best_planes(sums, place, count, cells, limits)
     around, below, seen = window_sum(count), window_sum(under), count > 0
@@ -124,7 +91,6 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, lim
         inner_share=least_around_kernel(share, seen),
         inner_penetration=least_around_kernel(penetration, seen),
         height=height.reshape(shape) / np.maximum(count, 1),
-        terrain=terrain,
     )
 
 

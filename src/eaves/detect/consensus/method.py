@@ -20,17 +20,27 @@ from eaves.detect.consensus.classifier import (
     surface_odds,
 )
 from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
-from eaves.detect.consensus.evidence import COLOURS, Evidence, gather_evidence
+from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
+from eaves.detect.consensus.measures import (
+    COLOURS,
+    Counts,
+    Separation,
+    count_signs,
+    has_colours,
+    learned,
+    signs_of_leaves,
+)
 from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments
 from eaves.detect.consensus.unseen_roofs import VoidRules, find_hidden_roofs, find_roof_voids
-from eaves.detect.consensus.windows import WindowRules
+from eaves.detect.consensus.windows import WINDOW, WindowRules
 from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import WATER, Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
+from eaves.raster.blur import height_kept
 
 CELL_SPACINGS, WIDE_CELL_M, LEAST_CELL_M = 1.4, 1.0, 0.5
 """The rule for `cell`: its width in spacings up to a wide cell (m), above it one spacing, and at least so
@@ -117,6 +127,13 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         unit="m",
         ge=0.0,
     )
+    kept: float = parameter(
+        1.0,
+        "Share of its height that a narrow house keeps where walls are smoothed; heights of roofs are "
+        "lower by as much. A run measures it.",
+        gt=0.0,
+        le=1.0,
+    )
     min_height: float = parameter(
         1.5, "Points lower than this over the terrain are no roof.", unit="m", ge=0.0
     )
@@ -161,6 +178,10 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     def buffer(self) -> float:
         return 30.0
 
+    @property
+    def signs_buffer(self) -> float:
+        return 600.0
+
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         candidate = self.candidates(scene)
         if int(candidate.sum()) < self.window_points:
@@ -170,9 +191,12 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         emit("segments", segments.label)
         voids = find_roof_voids(evidence, self)
         most = self.tolerance(scene.spacing)
-        weights = self.weights_for(evidence)
-        terms = measured_terms(evidence, segments, evidence.candidate | voids[0], most, weights, self)
-        building, roof, odds = self.settle(evidence, segments, terms, voids, emit)
+        colours, weights = self.colours_of(scene, evidence, segments), self.judged_by
+        if colours is not None:
+            weights = weights.of_colours()
+        judged = evidence.candidate | voids[0]
+        terms = measured_terms(evidence, segments, judged, most, weights, self, colours)
+        building, roof, odds = self.settle(evidence, segments, terms, weights, voids, emit)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
@@ -200,7 +224,26 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         evidence = gather_evidence(scene, xyz, candidate, side, self)
         most = self.tolerance(scene.spacing)
         smooth = evidence.candidate & (evidence.residual < most)
-        return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
+        return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M * self.kept)
+
+    def count_signs(self, scene: Scene) -> Counts | None:
+        candidate = self.candidates(scene)
+        if not has_colours(scene.cloud) or int(candidate.sum()) < self.window_points:
+            return None
+        return self.signs_of(scene, *self.find_surfaces(scene, candidate)[1:])
+
+    def signs_of(self, scene: Scene, evidence: Evidence, segments: Segments) -> Counts:
+        """Signs of leaves, counted on the terrain, on rough places over it and on smooth ones."""
+        smooth, share = segments.label > 0, evidence.multi_return_share
+        terrain = signs_of_leaves(scene.cloud)[scene.cloud.ground]
+        return count_signs(terrain, share[evidence.candidate & ~smooth], share[smooth])
+
+    def colours_of(self, scene: Scene, evidence: Evidence, segments: Segments) -> Separation | None:
+        """What colours tell where they stand for echoes; None where they do not."""
+        if not has_colours(scene.cloud):
+            return None
+        counts = self.signs_of(scene, evidence, segments) if scene.signs is None else scene.signs
+        return learned(counts, WINDOW**2)
 
     def tolerance(self, spacing: float) -> float:
         """The largest residual (m) of a surface in a scan of that spacing (m)."""
@@ -208,23 +251,23 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         return least + ROUGH_GAIN * self.roughness
 
     def for_scan(self, blur: float, roughness: float) -> Self:
-        return self.model_copy(update={"roughness": roughness}) if roughness and not self.roughness else self
+        return self.unless_set(roughness=roughness, kept=height_kept(blur))
 
     def candidates(self, scene: Scene) -> Mask:
         """The points (N,) that could be roofs."""
-        return (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
+        return (scene.height >= self.min_height * self.kept) & ~scene.cloud.ground & ~scene.cloud.noise
 
     def settle(
         self,
         evidence: Evidence,
         segments: Segments,
         terms: Terms,
+        weights: Weights,
         voids: tuple[Mask, Mask],
         emit: Emit = ignore,
     ) -> tuple[Mask, Mask, Values]:
         """The building cells, those of roof surfaces, the log odds of the cells that were judged; (H, W)
         each. `voids` are the roofs without points and their rims, as `find_roof_voids` says."""
-        weights = self.weights_for(evidence)
         emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
         odds = np.r_[0.0, emitted][segments.label]
         roof = (odds > 0.0) | voids[0]
@@ -240,10 +283,6 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     def judged_by(self) -> Weights:
         """The weights of the evidence."""
         return FITTED if self.weights is None else read_weights(self.weights)
-
-    def weights_for(self, evidence: Evidence) -> Weights:
-        """The weights of the evidence of a scan: those of colours where they stand for echoes."""
-        return self.judged_by.of_colours() if evidence.terrain else self.judged_by
 
     def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the

@@ -28,6 +28,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import GRID_STEP, Bounds, Mask, PointCloud, Points
 from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
+from eaves.raster.blur import height_kept
 from eaves.raster.grid import EMPTY
 
 SMOOTHED_WEIGHT = 1.0
@@ -228,9 +229,10 @@ class AdaptiveTin(Opening, GroundMethod):
         return 40.0
 
     def for_scan(self, blur: float, roughness: float) -> Self:
-        if blur == 0.0 or self.level_weight != type(self).model_fields["level_weight"].default:
+        if blur == 0.0:
             return self
-        return self.model_copy(update={"level_weight": SMOOTHED_WEIGHT})
+        rise = self.object_slope * height_kept(blur)
+        return self.unless_set(level_weight=SMOOTHED_WEIGHT, object_slope=rise, angle_share=0.0)
 
     @property
     def wide_buffer(self) -> float:

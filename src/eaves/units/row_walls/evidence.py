@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.geometry.planes import CALM_QUANTILE, fit_planes, measure_noise, sums_of
@@ -36,7 +37,11 @@ RISE_M = 0.25
 """What stands so much over both roofs is a fire wall or a chimney: more than tiles and noise."""
 
 FEW = 0.03
-"""A share of points that rise that counts half as much again as the last: a chimney a wall."""
+"""A share of points that rise, of a line and of what is around it, that is small: a chimney on a wall."""
+
+AROUND_M = 4.0
+"""Ground (m) on either side of a line, half a wide house, whose mean a wall must stand out from: chimneys and
+plant all over a roof, or tiles of many colours, are no wall."""
 
 LEAST_WEIGHT = 1e-6
 """What weighs less than this says nothing of a wall."""
@@ -130,16 +135,16 @@ def wall_signs(row: HouseRow, points: Points, noise: float, reflectance: Values 
 
 
 EVEN = 1.3
-"""Contrast that speaks neither for a wall nor against it: in both towns of `benchmarks.accuracy.walls` its
-log-odds pass 0 between 0.9 and 1.8."""
+"""Contrast of a place without two roofs to compare: usual lines of the towns of `benchmarks.accuracy.walls`
+have between 0.9 and 1.8."""
 
 WEIGHTS = {
     "one": -4.7,
     "share": 6.13,
     "ridge": -12.59,
     "full valley": 3.03,
-    "rise": 1.7,
-    "contrast": 1.0,
+    "rise": 2.5,
+    "contrast": 1.4,
 }
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights` on drawn
 towns, those of rise and contrast upon them by `python -m benchmarks.accuracy.walls` on two real ones."""
@@ -151,17 +156,21 @@ def wall_odds(signs: Values) -> Values:
 
 
 def traits_of(signs: Values) -> Values:
-    """The columns (S + 1, K) that `WEIGHTS` weigh."""
+    """The columns (S + 1, K) that `WEIGHTS` weigh, from the signs (S + 1, 5) of a whole row: rises and
+    contrast count by how much they are more than the mean around each step.
+    """
     share, valley, ridge, rise, contrast = signs.T
     full = np.clip(2.0 * valley - 0.5, 0.0, 1.0)
+    line = np.column_stack([rise + FEW, np.clip(contrast, 0.0, 4.0)])
+    around = ndimage.uniform_filter1d(line, 2 * round(AROUND_M / CELL_M) + 1, axis=0, mode="nearest")
     return np.column_stack(
         [
             np.ones(len(signs)),
             share,
             np.minimum(ridge, 0.6),
             full,
-            np.log1p(rise / FEW),
-            np.clip(contrast, 0.0, 4.0) - EVEN,
+            np.log(line[:, 0] / around[:, 0]),
+            line[:, 1] - around[:, 1],
         ]
     )
 

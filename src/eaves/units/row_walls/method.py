@@ -26,16 +26,17 @@ from eaves.units.stage import Division, UnitMethod
 class RowWalls(MergeRules, RowRules, UnitMethod):
     """The buildings that stand wall to wall in one detected block.
 
-    Behind each of the long fronts of a block, longest first, lies the ground of a row; walls run along
-    the direction in which heights change most alike at all depths. At every quarter of a metre along a
-    row planes are fitted to the points on both sides, in lines half a metre apart, and compared: steps,
-    valleys, what rises over both roofs, a change of reflectance, and against them ridges, give the odds of a
-    party wall there by logistic regression. A scan without intensities lacks that term alone. A division
-    of the row is as likely as the product of the odds of its walls and of the widths of its units. Houses of
-    one width make weak signs at equal distances likely: each width counts as much as the row's signs are
-    likely under it, so it comes from the scan alone. A wall stands where enough of all divisions have one:
-    the sums over them change little where the points do, the best of them may be any of many. Walls
-    are carried on through annexes; what they leave narrower than a metre goes to the other side.
+    Behind each of the long fronts of a block, longest first, lies the ground of a row, as deep as a house;
+    walls run along the direction in which heights change most alike at all depths. At every quarter of a
+    metre along a row planes are fitted to the points on both sides, in lines half a metre apart, and
+    compared: steps, valleys, what rises over both roofs or changes in reflectance more than what is around
+    it, and against them ridges, give the odds of a party wall there by logistic regression. A scan without
+    intensities lacks that term alone. A division of the row is as likely as the product of the odds of its
+    walls and of the widths of its units. Houses of one width make weak signs at equal distances likely: each
+    width counts as much as the row's signs are likely under it, so it comes from the scan alone. A wall
+    stands where enough of all divisions have one: the sums over them change little where the points do, the
+    best of them may be any of many. Walls are carried on through annexes; what they leave narrower than a
+    metre goes to the other side.
 
     Formula
     -------
@@ -230,14 +231,13 @@ def traits_of_block(rows: Sequence[RowUnits], odds: Sequence[Values], points: in
         for wall in units.walls.tolist()
     )
     longest = max(rows, key=lambda units: len(units.walls)).row
-    depth = (longest.last - longest.first)[longest.last > longest.first]
     second = strength[-2] if len(strength) > 1 else LEAST_ODDS
     return np.array(
         [
             1.0,
             np.log(min(1.0 + sum(float(units.certainty.sum()) for units in rows), MOST_UNITS)),
             np.log(max(points, 1) / area),
-            max(float(np.log(np.median(depth) / HOUSE_M)), 0.0),
+            max(float(np.log(longest.behind / HOUSE_M)), 0.0),
             np.clip(second, LEAST_ODDS, MOST_ODDS),
         ]
     )

@@ -29,7 +29,7 @@ CLEAR = 1.6
 change the coherence of a row by less."""
 JOG_M, HOUSE_M = 1.5, 15.0
 """Distance (m) by which a front may step back and forth and still be one, and largest depth (m) of a house in
-a row; a row of two is twice as deep."""
+a row: what lies behind has another front, or is a yard's; a row of two is looked at twice as deep."""
 
 
 class RowRules(Method):
@@ -149,6 +149,8 @@ class HouseRow:
     across: Values
     first: Values
     last: Values
+    behind: float = HOUSE_M
+    """How far (m) the block goes on behind the front; a row is no deeper than a house."""
 
     @property
     def length(self) -> float:
@@ -305,7 +307,8 @@ def ground_behind(
     across: Values,
     limits: RowRules,
 ) -> HouseRow | None:
-    """The ground behind a front, to where the outline ends; None where others have claimed it.
+    """The ground behind a front, to where the outline ends or to the depth of a house; None where others have
+    claimed it.
 
     Where it is far deeper than usual another row stands behind.
     """
@@ -337,9 +340,11 @@ def ground_behind(
         or np.median((last - begin)[claimed]) < limits.narrowest
     ):
         return None
+    behind = float(np.median((last - begin)[claimed]))
+    last = np.minimum(last, begin + HOUSE_M)
     filled = np.flatnonzero(claimed)
     keep = slice(filled[0], filled[-1] + 1)
-    return HouseRow(origin + filled[0] * CELL_M * along, along, across, begin[keep], last[keep])
+    return HouseRow(origin + filled[0] * CELL_M * along, along, across, begin[keep], last[keep], behind)
 
 
 class Chords(NamedTuple):
