@@ -121,8 +121,8 @@ def objects_remark(doubts: Iterable[Doubt], buildings: int, unit: float, where: 
     return (
         f"{len(objects):,} objects of {HOUSE_M2[0]:g} to {HOUSE_M2[1]:g} m² rise as high as houses and are "
         f"no buildings, {buildings:,} are; of the largest, at {largest.x / unit:.1f}, "
-        f"{largest.y / unit:.1f}, {largest.reason.partition(': ')[2]}; all are doubts{where and ' in ' + where}; if they are houses, "
-        "--set detect.max_residual=0.5 takes rougher roofs"
+        f"{largest.y / unit:.1f}, {largest.reason.partition(': ')[2]}; all are doubts"
+        f"{where and ' in ' + where}; if they are houses, --set detect.max_residual=0.5 takes rougher roofs"
     )
 
 
