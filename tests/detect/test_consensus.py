@@ -13,8 +13,11 @@ from eaves.detect.consensus.borders import source_side
 from eaves.detect.consensus.evidence import gather_evidence
 from eaves.detect.consensus.segments import find_segments, inner_width
 from eaves.detect.consensus.windows import planes_kernel, window_sum
+from eaves.detect.stage import OBJECT
 from eaves.geometry.planes import sums_of
+from eaves.model import PointCloud
 from eaves.model.scene import ROOF, WALL
+from eaves.raster.surfaces import make_scene
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 
@@ -202,3 +205,21 @@ def test_a_glass_roof_is_found_by_its_rim_and_a_pond_is_not() -> None:
     found = detect_buildings(scene, Consensus())
     assert found.count == 1
     assert (found.label[what == 1] > 0).mean() > 0.9
+
+
+@pytest.mark.parametrize("has_returns", [False, True])
+def test_a_rough_object_of_the_size_of_a_house_is_a_doubt_where_no_pulse_is_split(has_returns: bool) -> None:
+    rng = np.random.default_rng(4)
+    xyz = np.c_[rng.uniform(0.0, 60.0, (20_000, 2)), np.zeros(20_000)]
+    heap = (np.abs(xyz[:, :2] - 30.0) < 4.0).all(axis=1)
+    xyz[heap, 2] = rng.uniform(4.0, 7.0, int(heap.sum()))
+    first, split = np.ones(len(xyz), np.uint8), np.where(np.arange(len(xyz)) % 50 == 0, 2, 1).astype(np.uint8)
+    returns = {"return_number": first, "number_of_returns": split} if has_returns else {}
+    cloud = PointCloud(xyz, classification=np.where(heap, 1, 2).astype(np.uint8), **returns)
+    found = detect_buildings(make_scene(cloud))
+    said = [doubt for doubt in found.doubts if doubt.reason.startswith(OBJECT)]
+    assert found.count == 0
+    assert len(said) == (0 if has_returns else 1)
+    for doubt in said:
+        assert (doubt.x, doubt.y) == pytest.approx((30.0, 30.0), abs=0.5)
+        assert doubt.area_m2 == pytest.approx(64.0, rel=0.2)

@@ -16,8 +16,16 @@ from tests.conftest import build_in_blocks
 from eaves.blocks.block import block_pass
 from eaves.blocks.block_file import BlockFile, block_arrays
 from eaves.blocks.ground import Surroundings
+from eaves.detect.stage import OBJECT
 from eaves.figures.rows import BuildingRow
-from eaves.flow.review import LAYER, describe_doubts, distinct_doubts, doubt_row, face_doubts
+from eaves.flow.review import (
+    LAYER,
+    describe_doubts,
+    distinct_doubts,
+    doubt_row,
+    face_doubts,
+    objects_remark,
+)
 from eaves.formats.vectors.polygons import read_polygons
 from eaves.ground import classify_ground
 from eaves.model import Block
@@ -90,9 +98,24 @@ def test_what_two_blocks_doubt_is_told_once() -> None:
     large = Doubt(235.0, 100.0, 900.0, "a roof or not: score 0.50", "detect")
     same = Doubt(245.0, 100.0, 800.0, "a roof or not: score 0.40", "detect")
     other_kind = replace(same, reason="a building on the rim of the data")
-    beside = replace(same, x=236.0)
-    assert distinct_doubts([same, beside, large, other_kind], 240.0) == [large, beside, other_kind]
-    assert distinct_doubts([large, other_kind, beside, same], 240.0) == [large, beside, other_kind]
+    assert distinct_doubts([same, large, other_kind], 240.0) == [large, other_kind]
+    assert distinct_doubts([large, other_kind, same], 240.0) == [large, other_kind]
+
+
+def test_doubts_of_one_kind_in_a_block_are_one_at_the_largest() -> None:
+    large = Doubt(35.0, 100.0, 900.0, "a roof or not: score 0.50", "detect")
+    small = Doubt(36.0, 100.0, 80.0, "a roof or not: score 0.40", "detect")
+    elsewhere = replace(small, x=600.0, area_m2=950.0)
+    both = replace(large, area_m2=980.0, reason=f"{large.reason} (the largest of 2 in its block)")
+    assert distinct_doubts([small, large, elsewhere], 240.0) == [both, elsewhere]
+
+
+def test_more_objects_than_buildings_are_said_with_their_number_and_the_largest() -> None:
+    places = [Doubt(10.0 * k, 5.0, 30.0 + k, f"{OBJECT}: its top is rough", "detect") for k in range(3)]
+    line = objects_remark([*places, Doubt(1.0, 1.0, 99.0, "a plateau", "ground")], 2, 1.0, LAYER)
+    assert line is not None
+    assert line.startswith("3 objects of 30 to 200 m²") and "at 20.0, 5.0, its top is rough" in line
+    assert objects_remark(places, 3, 1.0, LAYER) is None
 
 
 def test_places_are_in_the_unit_of_the_reference_system() -> None:

@@ -35,6 +35,10 @@ MOST = 0.75
 """Most of a thing: of a hole's rim that is raised, of a vehicle's top that is level."""
 FEW_CELLS = 9
 """Groups of no more cells are measured by their hull, too."""
+OBJECT = "an object of the size of a house, and no building"
+"""What a doubt about such an object begins with."""
+HOUSE_M2 = (30.0, 200.0)
+"""Area of a house in plan."""
 TALL_SHARE = 0.1
 """A building is as high as a tenth of its points: roof, not chimney."""
 

@@ -39,6 +39,7 @@ from eaves.flow.review import (
     distinct_doubts,
     doubt_row,
     face_doubts,
+    objects_remark,
     review_rows,
     write_review,
     write_table,
@@ -198,7 +199,7 @@ def write_outputs(
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
     metadata = read_metadata(region)
-    places = (doubt for block in metadata for doubt in block.doubts)
+    places = [doubt for block in metadata for doubt in block.doubts]
     doubts = distinct_doubts(chain(places, face_doubts(kept.rows(owners))), run.side)
     blocks = [block.block for block in metadata]
     results = RunResults(
@@ -253,8 +254,12 @@ def write_outputs(
     told = run.index.own.upright is not None or run.plan.get("scan", {}).get("height_ratio") is not None
     if not told and (remark := feet_remark(kept.rows(owners))) is not None:
         region.remark(remark)
-    summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""
+    buildings = sum(1 for _ in kept.rows(owners))
+    objects = objects_remark(places, buildings, store.system.horizontal_unit_m, where)
+    if objects is not None:
+        region.remark(objects)
+    summary = summarise(region, metadata, owners, files)
     description = describe_doubts(doubts, store.system.horizontal_unit_m, where)
     summary = replace(summary, run={**summary.run, "doubts": description})
     if run.classified is None:

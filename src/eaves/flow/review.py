@@ -6,6 +6,7 @@ import csv
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -13,6 +14,7 @@ from urllib.parse import quote
 import numpy as np
 import shapely
 
+from eaves.detect.stage import HOUSE_M2, OBJECT
 from eaves.figures.rows import BuildingRow
 from eaves.figures.trust import has_defect, judge, lacks_model
 from eaves.formats.atomic import atomic
@@ -87,7 +89,41 @@ def distinct_doubts(doubts: Iterable[Doubt], side: float) -> list[Doubt]:
     ordered = sorted(
         set(doubts), key=lambda doubt: (-doubt.area_m2, doubt.x, doubt.y, doubt.stage, doubt.reason)
     )
-    return without_repeated(ordered, side)
+    return together(without_repeated(ordered, side), side)
+
+
+def together(doubts: Sequence[Doubt], side: float) -> list[Doubt]:
+    """The doubts, sorted by size, those of one kind in one block as one, at the place of the largest."""
+    groups = dict[tuple[object, ...], list[Doubt]]()
+    for doubt in doubts:
+        key = doubt.stage, kind_of(doubt), Block.at(doubt.x, doubt.y, side)
+        groups.setdefault(key, []).append(doubt)
+    merged = list[Doubt]()
+    for first, *others in groups.values():
+        area = round(sum(doubt.area_m2 for doubt in (first, *others)), 1)
+        more = f" (the largest of {len(others) + 1} in its block)" if others else ""
+        merged.append(replace(first, area_m2=area, reason=first.reason + more))
+    return sorted(merged, key=lambda doubt: -doubt.area_m2)
+
+
+def kind_of(doubt: Doubt) -> str:
+    """What a doubt is about, without its numbers."""
+    return doubt.reason.split(":")[0]
+
+
+def objects_remark(doubts: Iterable[Doubt], buildings: int, unit: float, where: str) -> str | None:
+    """The line on a scan in which more objects of the size of a house are no buildings than are; None where
+    they are fewer. `unit` (m) is that of the system, `where` names what to open."""
+    objects = [doubt for doubt in doubts if kind_of(doubt) == OBJECT]
+    if len(objects) <= buildings:
+        return None
+    largest = max(objects, key=lambda doubt: doubt.area_m2)
+    return (
+        f"{len(objects):,} objects of {HOUSE_M2[0]:g} to {HOUSE_M2[1]:g} m² rise as high as houses and are "
+        f"no buildings, {buildings:,} are; of the largest, at {largest.x / unit:.1f}, "
+        f"{largest.y / unit:.1f}, {largest.reason.partition(': ')[2]}; all are doubts"
+        f"{where and ' in ' + where}; if they are houses, --set detect.max_residual=0.5 takes rougher roofs"
+    )
 
 
 def doubt_row(doubt: Doubt) -> Row:
@@ -115,7 +151,7 @@ def without_repeated(doubts: Sequence[Doubt], side: float) -> list[Doubt]:
         return []
     squares = [square_of(doubt) for doubt in doubts]
     larger, smaller = shapely.STRtree(squares).query(squares, predicate="intersects")
-    keys = [(doubt.stage, doubt.reason.split(":")[0]) for doubt in doubts]
+    keys = [(doubt.stage, kind_of(doubt)) for doubt in doubts]
     homes = [Block.at(doubt.x, doubt.y, WIDE_SQUARE if doubt.stage == "ground" else side) for doubt in doubts]
     dropped = np.zeros(len(doubts), bool)
     for k, n in zip(larger.tolist(), smaller.tolist(), strict=True):

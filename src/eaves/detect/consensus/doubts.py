@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence, groups_of
-from eaves.detect.stage import MIN_AREA_M2
+from eaves.detect.stage import HOUSE_M2, MIN_AREA_M2, OBJECT
 from eaves.methods import Method, parameter
 from eaves.model import Doubt, Labels, Mask, Values
 from eaves.raster.groups import grown_by_square
@@ -92,6 +92,36 @@ def region_doubts(
         if open_rim.sum() > limits.doubt_rim * rim.sum():
             found.append(doubt_at(evidence, around, open_rim, cells, "a building on the rim of the data"))
     return found
+
+
+def object_doubts(
+    evidence: Evidence, taken: Mask, odds: Values, most: float, least_height: float
+) -> list[Doubt]:
+    """Doubts about what rises as a house does and was not taken for one, in a scan that splits no pulse.
+
+    Parameters
+    ----------
+    evidence : of the cells.
+    taken : cells of buildings, (H, W).
+    odds : log odds of the cells for a roof, (H, W).
+    most : the largest residual (m) of a roof.
+    least_height : the least height (m) of a building.
+    """
+    risen = evidence.candidate & ~taken & (evidence.height >= least_height)
+    found, _ = ndimage.label(risen, np.ones((3, 3)))
+    doubts = list[Doubt]()
+    for _, around, cells in groups_of(found):
+        if not HOUSE_M2[0] <= cells.sum() * evidence.cells.side**2 <= HOUSE_M2[1]:
+            continue
+        rough = float(np.median(evidence.residual[around][cells]))
+        against = float(np.median(odds[around][cells]))
+        why = (
+            f"its top misses planes by {rough:.2f} m, a roof may by {most:.2f} m"
+            if most < rough < np.inf
+            else f"height, shape and colours speak against a roof (log odds {against:.1f})"
+        )
+        doubts.append(doubt_at(evidence, around, cells, cells, f"{OBJECT}: {why}"))
+    return doubts
 
 
 def unevenness_of(evidence: Evidence, roofs: Mask) -> Values:

@@ -19,7 +19,7 @@ from eaves.detect.consensus.classifier import (
     score_regions,
     surface_odds,
 )
-from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
+from eaves.detect.consensus.doubts import DoubtRules, object_doubts, region_doubts, unevenness_of, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.groups import attached_share, without_narrow_parts
 from eaves.detect.consensus.measures import (
@@ -212,6 +212,9 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
             (rocks, np.zeros(rocks.max(initial=0)), np.full(evidence.shape, np.nan)),
         ):
             doubts += region_doubts(evidence, groups, score, attached, water, self.max_attached, uneven, self)
+        if not scene.cloud.has_returns:
+            taken = region > 0
+            doubts += object_doubts(evidence, taken, odds, most, MIN_HEIGHT_M * self.kept)
         return regions.with_doubts(doubts)
 
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
