@@ -199,7 +199,7 @@ def write_outputs(
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
     metadata = read_metadata(region)
-    places = [doubt for block in metadata for doubt in block.doubts]
+    places = (doubt for block in metadata for doubt in block.doubts)
     doubts = distinct_doubts(chain(places, face_doubts(kept.rows(owners))), run.side)
     blocks = [block.block for block in metadata]
     results = RunResults(
@@ -255,11 +255,7 @@ def write_outputs(
     if not told and (remark := feet_remark(kept.rows(owners))) is not None:
         region.remark(remark)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""
-    buildings = sum(1 for _ in kept.rows(owners))
-    objects = objects_remark(places, buildings, store.system.horizontal_unit_m, where)
-    if objects is not None:
-        region.remark(objects)
-    summary = summarise(region, metadata, owners, files)
+    summary = summarise(region, metadata, owners, files, where)
     description = describe_doubts(doubts, store.system.horizontal_unit_m, where)
     summary = replace(summary, run={**summary.run, "doubts": description})
     if run.classified is None:
@@ -337,9 +333,13 @@ def ground_starts(region: Region) -> dict[str, int]:
 
 
 def summarise(
-    region: Region, metadata: Sequence[BlockMetadata], owners: Sequence[Block], files: Sequence[Path]
+    region: Region,
+    metadata: Sequence[BlockMetadata],
+    owners: Sequence[Block],
+    files: Sequence[Path],
+    where: str,
 ) -> Summary:
-    """Counts over all buildings, seconds over all blocks."""
+    """Counts over all buildings, seconds over all blocks; `where` names what to open for doubts."""
     counts = {name: Counter[str]() for name in COUNTED}
     seconds: Counter[str] = Counter()
     count = 0
@@ -353,6 +353,10 @@ def summarise(
             counts["fallbacks" if row.modelled else "failures"][row.code] += 1
     for block in metadata:
         seconds.update(block.seconds)
+    places = (doubt for block in metadata for doubt in block.doubts)
+    remark = objects_remark(places, count, region.store.system.horizontal_unit_m, where)
+    if remark is not None:
+        region.remark(remark)
     run = region.run
     tiles = {"tiles": len(region.visits)} if run.by_tiles else {}
     peak = round(max(region.peak, peak_memory_mb()))

@@ -330,10 +330,9 @@ def measured_terms(
         of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][number]
         of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
         likely = 1.0 / (1.0 + np.exp(-np.where(large_seen, of_surface, of_cell)))
-        measured = [separate(value, likely) for value in values]
-        penetration, inner_penetration = measured[1::2]
         if colours is None:
-            echoes, inner_echoes = measured[::2]
+            echoes, inner_echoes = (separate(value, likely) for value in values[::2])
+        penetration, inner_penetration = (separate(value, likely) for value in values[1::2])
     return Terms(surface, cells, of_cells, Told(several, through, echoes, penetration, most), large)
 
 

@@ -72,18 +72,18 @@ def learned(counts: Counts, alike: float) -> Separation:
         each = shares[:, None] * np.vstack([roofs / roofs.sum(), known])
         parts = smooth * each / np.maximum(each.sum(axis=0), 1e-300)
         shares, likely = parts.sum(axis=1) / smooth.sum(), parts[0]
-        middle, variance = _moments(likely)
+        middle, variance, _ = moments(MIDDLES, likely)
         spread = min(max(variance**0.5, LEAST_SPREAD), MOST_SPREAD)
-    others = shares[1:] @ known
-    rest = (*_moments(others), float(smooth.sum() * shares[1:].sum()))
-    return separation((middle, spread**2, float(likely.sum())), rest, alike)
+    others = moments(MIDDLES, smooth.sum() * (shares[1:] @ known))
+    return separation((middle, spread**2, float(likely.sum())), others, alike)
 
 
-def _moments(weights: Values) -> tuple[float, float]:
-    """Mean and variance of signs with such weights (150,) of their classes."""
-    total = max(float(weights.sum()), 1e-12)
-    mean = float(weights @ MIDDLES) / total
-    return mean, float(weights @ (MIDDLES - mean) ** 2) / total
+def moments(value: Values, weights: Values) -> tuple[float, float, float]:
+    """Mean and variance of values (K,) with such weights (K,), and the sum of these."""
+    weight = float(weights.sum())
+    total = max(weight, 1e-300)
+    mean = float((weights * value).sum()) / total
+    return mean, float((weights * (value - mean) ** 2).sum()) / total, weight
 
 
 @dataclass(frozen=True)
@@ -142,9 +142,4 @@ def separate(value: Values, roof: Values) -> Separation:
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
     a scan is no witness there. The cells of a window share its points and are one observation.
     """
-    parts = list[tuple[float, float, float]]()
-    for weights in (roof, 1.0 - roof):
-        total = max(float(weights.sum()), 1e-300)
-        mean = float((weights * value).sum()) / total
-        parts.append((mean, float((weights * (value - mean) ** 2).sum()) / total, float(weights.sum())))
-    return separation(parts[0], parts[1], WINDOW**2)
+    return separation(moments(value, roof), moments(value, 1.0 - roof), WINDOW**2)

@@ -96,7 +96,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     is all round; sheds narrower than three cells at 1 point/m² are lost. Without returns crowns that touch a
     roof at its height, or stand in a court, may be taken for part of it. A scene that is all forest has no
     roofs to compare its crowns with: shape alone judges it. The means are those of a block of 240 m with 30 m
-    around it: what stands farther away changes nothing.
+    around it, of colours 600 m: what stands farther away changes nothing.
 
     Complexity
     ----------
@@ -213,8 +213,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         ):
             doubts += region_doubts(evidence, groups, score, attached, water, self.max_attached, uneven, self)
         if not scene.cloud.has_returns:
-            taken = region > 0
-            doubts += object_doubts(evidence, taken, odds, most, MIN_HEIGHT_M * self.kept)
+            doubts += object_doubts(evidence, region > 0, odds, most, MIN_HEIGHT_M * self.kept)
         return regions.with_doubts(doubts)
 
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
