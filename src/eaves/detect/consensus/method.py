@@ -23,7 +23,7 @@ from eaves.detect.consensus.classifier import (
 )
 from eaves.detect.consensus.doubts import DoubtRules, object_doubts, region_doubts, unevenness_of, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
-from eaves.detect.consensus.groups import attached_share, without_narrow_parts
+from eaves.detect.consensus.groups import attached_share, without_narrow_parts, without_pores
 from eaves.detect.consensus.measures import (
     COLOURS,
     Counts,
@@ -202,6 +202,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         told = 1.0 if colours is None or self.kept == 1.0 else colours.trust
         unsure = max(math.log(told or sys.float_info.min), -2.0 * self.most_log_ratio)
         building, roof, odds = self.settle(evidence, segments, terms, weights, voids, unsure, emit)
+        building = without_pores(building, segments.label, evidence.cells.side, self.room)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
