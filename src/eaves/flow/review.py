@@ -160,6 +160,13 @@ def describe_doubts(doubts: Sequence[Doubt], unit: float, where: str) -> dict[st
         x, y = (round(round(value, 2) / unit, 2) for value in (places[0].x, places[0].y))
         area = round(sum(doubt.area_m2 for doubt in places), 1)
         kinds.append(
-            {"stage": stage, "count": len(places), "area_m2": area, "reason": places[0].reason, "x": x, "y": y}
+            {
+                "stage": stage,
+                "count": len(places),
+                "area_m2": area,
+                "reason": places[0].reason,
+                "x": x,
+                "y": y,
+            }
         )
     return {"count": len(doubts), "see": where, "kinds": sorted(kinds, key=lambda one: -one["area_m2"])}
