@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from eaves.evaluate.ground_scores import evaluate_ground
+from eaves.geometry.planes import local_planes
+from eaves.geometry.smooth_surfaces import grow_regions
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.contours import Contour, ContourGround
 from eaves.ground.smooth_region import SmoothRegion
@@ -102,3 +105,31 @@ def test_the_papers_one_region_is_kept_when_level_is_zero() -> None:
     assert one[xy[:, 0] < 38].mean() > 0.9
     assert not one[xy[:, 0] > 42].any()
     assert both[xy[:, 0] > 42].mean() > 0.9
+
+
+def podium(height: float) -> tuple[np.ndarray, Mask]:
+    """Points (N, 3) half a metre apart, off the origin, and which of them lie on a podium in the middle."""
+    x, y = (side.ravel() for side in np.meshgrid(np.arange(0.0, 40.0, 0.5), np.arange(0.0, 30.0, 0.5)))
+    on = (np.abs(x - 20.0) < 6.0) & (np.abs(y - 15.0) < 5.0)
+    return np.c_[x + 310.0, y + 170.0, 12.0 + np.where(on, height, 0.0)], on
+
+
+@pytest.mark.parametrize("height", [0.3, 0.6, 2.0])
+def test_a_step_of_like_normals_parts_a_surface_where_links_lie_in_its_plane(height: float) -> None:
+    xyz, on = podium(height)
+    planes = local_planes(xyz, 24, 24)
+    level = replace(planes, normals=np.tile([0.0, 0.0, 1.0], (len(xyz), 1)))  # the truth of each point
+    parted, whole = (grow_regions(xyz, level, 9.0, flat) for flat in (True, False))
+    assert len(np.unique(parted)) == 2
+    assert np.array_equal(parted == parted[on.argmax()], on)
+    assert len(np.unique(whole)) == 1
+
+
+def test_a_low_podium_is_no_ground_where_links_lie_in_its_plane() -> None:
+    xyz, on = podium(0.6)
+    parted, whole = (
+        SmoothRegion(level=0.0, flat_links=flat).ground_mask(PointCloud(xyz)) for flat in (True, False)
+    )
+    assert parted[~on].all() and whole[~on].all()
+    assert not parted[on].any()
+    assert whole[on].mean() > 0.3  # where the estimated normals bend over the step
