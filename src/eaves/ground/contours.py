@@ -138,6 +138,15 @@ def contour_kernel(
     return places, starts[: lines + 1], closed[:lines]
 
 
+def slopes_at(surface: Raster, xy: NDArray[np.float64]) -> Values:
+    """Rise per metre (N,) of a surface at places (N, 2)."""
+    row, column = surface.cell_of(xy)
+    row, column = np.clip(row, 1, surface.shape[0] - 2), np.clip(column, 1, surface.shape[1] - 2)
+    z = surface.values
+    south, east = z[row + 1, column] - z[row - 1, column], z[row, column + 1] - z[row, column - 1]
+    return np.asarray(np.hypot(south, east) / (2.0 * surface.cell), np.float64)
+
+
 class ContourGround(GroundMethod):
     """Ground by telling contours of the terrain from contours of what stands on it.
 
@@ -159,9 +168,10 @@ class ContourGround(GroundMethod):
     paper prints no number and does not describe the iteration; cell, interval, lengths, and the rule above
     are ours. Closing is read as: a closed contour is not on terrain, which costs hills inside the data;
     length, as that of an open one. Data narrower than both lengths show a part of each contour: one that
-    runs across them is long. The first round of the iteration makes the filter. Where the contours of walls
-    lie over one another, the lowest holds. Flat terrain has no contour; a block in which none lies on terrain
-    begins with the lowest point of each cell of `least_length`, and a run counts and says such blocks.
+    runs across them is long, unless along half of it the surface is steeper than `wall_slope`, as along a row
+    of houses that leaves the data. The first round of the iteration makes the filter. Where the contours of
+    walls lie over one another, the lowest holds. Flat terrain has no contour; a block in which none lies on
+    terrain begins with the lowest point of each cell of `least_length`, which a run counts and says.
     Contours carry the method where terrain has relief; on flat terrain those lowest points do better.
 
     Fails where
@@ -206,6 +216,14 @@ class ContourGround(GroundMethod):
         step="open contours: length",
         gt=0.0,
     )
+    wall_slope: float = parameter(
+        1.0,
+        "Across data narrower than both lengths, a contour along half of which the surface is steeper than "
+        "this, 45°, runs along walls.",
+        off=1e9,
+        step="open contours: walls across narrow data",
+        gt=0.0,
+    )
     tolerance: float = parameter(
         0.3, "Distance from the terrain within which points belong to it.", unit="m", gt=0.0
     )
@@ -228,10 +246,9 @@ class ContourGround(GroundMethod):
         surface = self.grid_surface(xyz, cell)
         emit("surface", surface)
         contours = self.draw_contours(surface)
-        across = cell * (min(surface.shape) - 2)
-        on_terrain = [contour for contour in contours if self.on_terrain(contour, across)]
+        on_terrain = [contour for contour in contours if self.on_terrain(contour, surface)]
         emit(self.start, on_terrain)
-        emit("contours off terrain", [one for one in contours if not self.on_terrain(one, across)])
+        emit("contours off terrain", [one for one in contours if not self.on_terrain(one, surface)])
         terrain = self.first_terrain(on_terrain, surface, xyz)
         emit("first terrain", terrain)
         terrain = self.refine(terrain, surface)
@@ -252,11 +269,20 @@ class ContourGround(GroundMethod):
         first, last = np.ceil(low / self.interval), np.floor(high / self.interval)
         return trace_contours(surface, np.arange(first, last + 1) * self.interval)
 
-    def on_terrain(self, contour: Contour, across: float = np.inf) -> bool:
-        """True if a contour lies on terrain: by closing, distance of its ends, and length, none of them more
-        than the data are `across` (m)."""
-        far = contour.end_distance > min(self.end_distance, across)
-        return far and contour.length > min(self.least_length, across) and not contour.closed
+    def on_terrain(self, contour: Contour, surface: Raster | None = None) -> bool:
+        """True if a contour lies on terrain: by closing, distance of its ends, and length; in a narrow
+        `surface`, also if it runs across it and not along walls."""
+        if contour.closed:
+            return False
+        ends, length = contour.end_distance, contour.length
+        if surface is None or (ends > self.end_distance and length > self.least_length):
+            return ends > self.end_distance and length > self.least_length
+        across = surface.cell * (min(surface.shape) - 2)
+        return (
+            ends > min(self.end_distance, across)
+            and length > min(self.least_length, across)
+            and float(np.median(slopes_at(surface, contour.xy))) <= self.wall_slope
+        )
 
     def first_terrain(self, contours: list[Contour], surface: Raster, xyz: Points) -> Raster:
         """Linear between the contours on terrain; where several cross a cell the lowest holds."""
