@@ -325,10 +325,9 @@ def read_metadata(region: Region) -> list[BlockMetadata]:
 
 def ground_starts(region: Region) -> dict[str, int]:
     """Number of blocks, and of those in which the ground filter has nothing to begin with, which is said."""
-    kept = SHOWN if region.run.by_tiles else GROUND
+    kept, start = SHOWN if region.run.by_tiles else GROUND, region.run.recipe.ground.start
     counts = [int(region.store.array(kept.name, block, STARTS)) for block in region.shown]
-    start, empty = region.run.recipe.ground.start, counts.count(0)
-    if empty:
+    if empty := counts.count(0):
         log.info("%d of %d blocks have no %s: see the ground filter", empty, len(counts), start)
     return {"blocks": len(counts), f"without {start}": empty}
 

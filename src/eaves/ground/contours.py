@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.seeds import lowest_of_cells
+from eaves.ground.toolkit.wide_objects import rise_within
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Grid, Mask, PointCloud, Points, Raster, Values
@@ -139,12 +140,9 @@ def contour_kernel(
 
 
 def slopes_at(surface: Raster, xy: NDArray[np.float64]) -> Values:
-    """Rise per metre (N,) of a surface at places (N, 2)."""
-    row, column = surface.cell_of(xy)
-    row, column = np.clip(row, 1, surface.shape[0] - 2), np.clip(column, 1, surface.shape[1] - 2)
-    z = surface.values
-    south, east = z[row + 1, column] - z[row - 1, column], z[row, column + 1] - z[row, column - 1]
-    return np.asarray(np.hypot(south, east) / (2.0 * surface.cell), np.float64)
+    """Rise per metre (N,) of a surface at places (N, 2), over two cells."""
+    rises = [surface.at(xy + step) - surface.at(xy - step) for step in surface.cell * np.eye(2)]
+    return np.asarray(np.hypot(*rises) / (2.0 * surface.cell))
 
 
 class ContourGround(GroundMethod):
@@ -253,9 +251,8 @@ class ContourGround(GroundMethod):
         emit("first terrain", terrain)
         terrain = self.refine(terrain, surface)
         emit("terrain", terrain)
-        height = xyz[:, 2] - terrain.at(xyz)
-        row, column = terrain.cell_of(xyz)
-        return np.asarray(np.abs(height) <= self.allowed(terrain)[row, column])
+        allowed = self.allowed(terrain)[terrain.cell_of(xyz)]
+        return np.asarray(np.abs(xyz[:, 2] - terrain.at(xyz)) <= allowed)
 
     def grid_surface(self, xyz: Points, cell: float) -> Raster:
         """The height of the point nearest to each cell's centre."""
@@ -265,24 +262,22 @@ class ContourGround(GroundMethod):
 
     def draw_contours(self, surface: Raster) -> list[Contour]:
         """All contours of the surface at whole multiples of the interval."""
-        low, high = float(np.min(surface.values)), float(np.max(surface.values))
-        first, last = np.ceil(low / self.interval), np.floor(high / self.interval)
-        return trace_contours(surface, np.arange(first, last + 1) * self.interval)
+        low, high = (float(end(surface.values)) / self.interval for end in (np.min, np.max))
+        return trace_contours(surface, np.arange(np.ceil(low), np.floor(high) + 1) * self.interval)
 
     def on_terrain(self, contour: Contour, surface: Raster | None = None) -> bool:
         """True if a contour lies on terrain: by closing, distance of its ends, and length; in a narrow
         `surface`, also if it runs across it and not along walls."""
-        if contour.closed:
-            return False
         ends, length = contour.end_distance, contour.length
-        if surface is None or (ends > self.end_distance and length > self.least_length):
-            return ends > self.end_distance and length > self.least_length
-        across = surface.cell * (min(surface.shape) - 2)
-        return (
-            ends > min(self.end_distance, across)
-            and length > min(self.least_length, across)
-            and float(np.median(slopes_at(surface, contour.xy))) <= self.wall_slope
-        )
+        whole = ends > self.end_distance and length > self.least_length
+        if surface is not None and not (whole or contour.closed):
+            across = surface.cell * (min(surface.shape) - 2)
+            whole = (
+                ends > min(self.end_distance, across)
+                and length > min(self.least_length, across)
+                and float(np.median(slopes_at(surface, contour.xy))) <= self.wall_slope
+            )
+        return whole and not contour.closed
 
     def first_terrain(self, contours: list[Contour], surface: Raster, xyz: Points) -> Raster:
         """Linear between the contours on terrain; where several cross a cell the lowest holds."""
@@ -294,10 +289,7 @@ class ContourGround(GroundMethod):
 
     def allowed(self, terrain: Raster) -> Grid:
         """Largest distance (H, W), m, from the terrain of what belongs to it."""
-        if min(terrain.shape) < 2:
-            return np.full(terrain.shape, self.tolerance, np.float32)
-        south, east = np.gradient(terrain.values)
-        return np.asarray(self.tolerance + self.rise * np.hypot(south, east), np.float32)
+        return np.asarray(self.tolerance + self.rise * rise_within(terrain.values), np.float32)
 
     def refine(self, terrain: Raster, surface: Raster) -> Raster:
         """The terrain supported by the cells of the surface that lie on it, repeated until they stay the
