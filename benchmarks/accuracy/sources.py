@@ -52,7 +52,7 @@ SETS: dict[str, tuple[str, ...]] = {
     "amsterdam, blind": ("ahn3_ground/Amsterdam*.las",),
     "williams, blind": ("williams/williams.laz",),
     "ign_sparse, blind": ("ign_sparse/*.laz",),
-    "vaihingen": ("vaihingen/*",),
+    "vaihingen": ("vaihingen/clip*.laz",),
     "woodford": ("woodford/*.la[sz]",),
 }
 NO_TRUTH = ("vaihingen", "woodford", "ign_buildings")
