@@ -364,8 +364,9 @@ class Arrangement(ObjectLimits):
         if cells is not None:
             (plan, reach, located, data), coefficients = cells, fitted[1]
         whole = plan.merged(label_cells(plan, reach, self, data))
-        limits = self.plane_points, self.residual_limit, reach.highest
-        for plan, chosen in (settle_corners(*whole, roof, coefficients, self, *limits), whole):
+        price, limit = self.plane_points, self.residual_limit
+        settled = settle_corners(*whole, roof, coefficients, self, price, limit, reach.highest)
+        for plan, chosen in (settled, whole):
             fine = extrude_plan(plan, chosen, coefficients, ground, self.smallest)
             over = height_over_points(fine.solids, roof) if fine.solids else 0.0
             if plan is whole[0] or (fine.solids and not over):
