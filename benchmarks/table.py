@@ -40,8 +40,15 @@ def kept_rows(name: str) -> list[dict[str, object]]:
     return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
-def keep(name: str, title: str, rows: Sequence[Mapping[str, object]], command: str, note: str = "") -> Path:
-    """Print the table and write it to results/DATE-name.md with the commit, the machine and the command."""
+def keep(
+    name: str,
+    title: str,
+    rows: Sequence[Mapping[str, object]],
+    command: str,
+    note: str = "",
+    shown: bool = True,
+) -> Path:
+    """Write the table to results/DATE-name.md with the commit, machine and command; print it if `shown`."""
     commit = commit_now()
     cores = os.cpu_count()
     head = (
@@ -49,7 +56,8 @@ def keep(name: str, title: str, rows: Sequence[Mapping[str, object]], command: s
         f"Python {platform.python_version()}, {platform.system()}, {cores} cores\n"
     )
     body = f"{head}\n{as_markdown(rows)}\n" + (f"\n{note}\n" if note else "")
-    print(body)
+    if shown:
+        print(body)
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / f"{datetime.date.today():%Y-%m-%d}-{name}.md"
     path.write_text(body, encoding="utf-8")

@@ -2,7 +2,7 @@
 
 docs/reference/ is made from the registry, the docstrings and references.bib, the classes in
 docs/conventions.md and the stages in docs/errors.md from the code, the list of tables in docs/results.md and
-the figures of docs/sources from benchmarks/results, the list of galleries in docs/README.md from docs/gallery.
+the figures of docs/sources from benchmarks/results, the galleries in docs/README.md from docs/gallery.
 All else under docs/ is written by hand. Pictures: `python -m docs.pictures`.
 """
 

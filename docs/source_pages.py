@@ -1,8 +1,8 @@
 """The figures of the pages of the published systems, each from the cell of a table that it names.
 
 A figure in the words of a page is a link whose title names the row and the column of the newest table of its
-kind, `[0.849](…/DATE-sources.md "delft · chen_sun · IoU")`; blocks between `<!-- figures -->` or `<!-- steps -->`
-and `<!-- end -->` are made from the tables.
+kind, `[0.849](…/DATE-sources.md "delft · chen_sun · IoU")`; blocks between `<!-- figures -->` or
+`<!-- steps -->` and `<!-- end -->` are made from the tables.
 """
 
 from __future__ import annotations

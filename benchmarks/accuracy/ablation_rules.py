@@ -217,12 +217,6 @@ ROOF = (
     ),
     of("reconstruct", "plane price", 2, {"reconstruct.plane_points": 0.0}),
     of("reconstruct", "gross residual", 1, {"reconstruct.gross_limit": 0.36}),
-    of(
-        "reconstruct",
-        "towers",
-        1,
-        {"reconstruct.arrangement:find_leaf_towers": lambda plan, *_: np.zeros(plan.count, bool)},
-    ),
     of("roof", "crowns", 2, {"buildings.building:crown_points": lambda xyz, _: np.zeros(len(xyz), bool)}),
     of("reconstruct", "cheap meetings", 2, {"reconstruct.meeting_share": 1.0}),
     of("reconstruct", "extension", 1, {"reconstruct.extension": 0.0}),

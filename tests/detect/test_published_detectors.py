@@ -144,7 +144,7 @@ def test_curvature_is_equation_3_on_a_cloud_of_known_eigenvalues() -> None:
     deviation = np.array([0.2, 1.0, 2.0])
     corners = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), -1).reshape(-1, 3) * deviation
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    near = local_planes(corners @ turn.T, 8, 8)
+    near = local_planes(corners @ turn.T + [4_310.0, 9_170.0, 850.0], 8, 8)
     assert np.allclose(near.eigenvalues, deviation**2)
     assert np.allclose(near.curvature, 0.04 / 5.04)
 

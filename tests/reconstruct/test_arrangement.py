@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from eaves.model import BuildingModel, Failure, Footprint, RoofPlane
-from eaves.reconstruct import reconstruct_building
+from eaves.reconstruct import arrangement, reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.evidence import spacing_on_roof
 from eaves.validate.models import validate_model
@@ -99,6 +99,17 @@ def test_no_plane_runs_away_over_empty_ground() -> None:
     model = model_of(points, [(0.0, 1.0, 4.0)])
     assert model.attributes["h_max"] + 1.6 >= model.attributes["h_ridge"]
     assert model.attributes["share_no_data"] > 0.5
+
+
+def test_a_plan_whose_moved_corners_rise_over_the_points_stays_as_labelled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    points = scan(lambda x, y: np.where(x < 5.0, 9.0, np.where(y < 3.0, 6.5, 4.0)))
+    rises = iter([1.0])
+    monkeypatch.setattr(arrangement, "height_over_points", lambda *_: next(rises, 0.0))
+    model = model_of(points, [(0.0, 0.0, 9.0), (0.0, 0.0, 6.5), (0.0, 0.0, 4.0)])
+    assert model.lod == "2.2" and next(rises, None) is None
+    assert len(model.planes) == 3
 
 
 def test_the_result_does_not_depend_on_a_second_run() -> None:

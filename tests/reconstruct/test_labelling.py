@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.reconstruct.toolkit.cell_labels import Borders, border_kernel, label_nodes
+from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.toolkit.cell_labels import Borders, border_kernel, label_nodes, plane_reach
 
 
 def energy(data: NDArray[np.float64], borders: Borders, price: float, labels: NDArray[np.int64]) -> float:
@@ -81,3 +82,12 @@ def test_a_border_is_cheap_where_planes_meet_and_dear_where_heights_jump() -> No
     assert border_kernel(borders, 0, 0, 1) == pytest.approx(0.3)
     assert border_kernel(borders, 0, 0, 2) == pytest.approx(1.0)
     assert border_kernel(borders, 0, 0, 0) == 0.0
+
+
+@pytest.mark.parametrize(("noise", "limit"), [(0.0, 0.05), (0.02, 0.2), (0.3, 0.45)])
+def test_residuals_stop_growing_at_ten_times_the_scatter__within_bounds(noise: float, limit: float) -> None:
+    rng = np.random.default_rng(3)
+    roof = np.column_stack([rng.random((4000, 2)) * 10.0, 3.0 + noise * rng.standard_normal(4000)])
+    planes, labels = np.array([[0.0, 0.0, 3.0]] * 2), np.zeros(len(roof), np.int32)
+    reach = plane_reach(roof, labels, planes, 0.25, 0.0, Arrangement())
+    assert reach.limit == pytest.approx(limit, rel=0.1)

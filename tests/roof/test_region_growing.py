@@ -40,6 +40,22 @@ def test_two_strips_of_one_plane_are_one() -> None:
     assert len(segment_roof(points, 0.35, RegionGrowing())) == 1
 
 
+@pytest.mark.parametrize(("step", "joined"), [(0.12, True), (0.4, False)])
+def test_regions_that_one_plane_explains_are_one_where_they_are_joined(step: float, joined: bool) -> None:
+    rng = np.random.default_rng(2)
+    xy = rng.uniform(0.0, 10.0, (800, 2))
+    upper = xy[:, 1] > 5.0
+    z = 0.2 * xy[:, 0] + np.where(upper, step, 0.0) + rng.normal(0.0, 0.01, 800)
+    points = np.c_[xy, z] + [310.0, 170.0, 12.0]
+    apart = segment_roof(points, 0.35, RegionGrowing(join_coplanar=False))
+    assert sorted(len(plane.members) for plane in apart) == sorted([upper.sum(), (~upper).sum()])
+    assert all(len(set(upper[plane.members])) == 1 for plane in apart)
+    found = segment_roof(points, 0.35, RegionGrowing())
+    assert sorted(len(plane.members) for plane in found) == (
+        [800] if joined else sorted([upper.sum(), (~upper).sum()])
+    )
+
+
 def test_scan_lines_give_the_same_two_planes() -> None:
     x, y = np.meshgrid(np.arange(-5, 5, 1.0), np.arange(-4, 4, 0.12))
     rng = np.random.default_rng(4)

@@ -13,7 +13,10 @@ import shapely.affinity
 from tests.conftest import write_laz
 
 import eaves
+from eaves.detect import detect_buildings
+from eaves.ground import classify_ground
 from eaves.methods import DEFAULTS, method_class
+from eaves.raster.surfaces import make_scene
 from eaves.recipe.recipe import make_recipe
 from eaves.recipe.sources import SOURCES
 from eaves.simulate import nine_roofs_on_a_slope
@@ -34,6 +37,21 @@ def test_a_source_names_its_methods_and_its_paper(name: str) -> None:
         assert method.name == source.methods.get(stage, DEFAULTS[stage])
     assert f"{{{source.paper}," in BIBLIOGRAPHY
     assert method_class("detect", source.methods["detect"]).paper == source.paper
+
+
+@pytest.mark.parametrize("published", [False, True])
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_source_finds_the_same_far_from_the_origin_of_its_axes(name: str, published: bool) -> None:
+    cloud = nine_roofs_on_a_slope(density=6.0).cloud
+    recipe = make_recipe(source=name, published=published)
+    found = []
+    for shift in ([0.0, 0.0, 0.0], [4_217.5, 9_153.0, 861.5]):  # whole cells of no grid but the finest
+        ground = classify_ground(cloud.with_(xyz=cloud.xyz + shift), recipe.ground)
+        regions = detect_buildings(make_scene(ground, ground.bounds), recipe.detect)
+        found.append((ground.ground, regions.label > 0))
+    (here, roofs), (there, moved) = found
+    assert np.array_equal(here, there)
+    assert (roofs != moved).mean() < 0.01
 
 
 def test_what_is_given_goes_before_the_source() -> None:

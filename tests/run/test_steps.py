@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-from tests.conftest import write_laz
+from tests.conftest import build_in_blocks, write_laz
 
 import eaves
 from eaves.flow.intermediates import StepMaps, lines_of, split_parts
@@ -132,6 +132,30 @@ def test_a_run_says_in_how_many_blocks_no_contour_lies_on_terrain(
     assert starts == {"blocks": 1, "without contours on terrain": without}
     said = [line for line in caplog.messages if "have no contours on terrain" in line]
     assert len(said) == without
+
+
+def test_blocks_without_contours_are_counted_over_all_tiles(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    west, south = 84_960.0, 447_120.0  # a corner of blocks
+    xy = rng.uniform(0.0, [960.0, 240.0], (230_000, 2))
+    rise = np.maximum(xy[:, 0] - 550.0, 0.0)  # farther from the second block than its points reach
+    z = 3.1 + 0.06 * rise  # two blocks level, two on a slope
+    write_laz(tmp_path / "a.laz", np.c_[xy, z] + [west, south, 0.0])
+    starts = []
+    for name, tile_blocks in (("at once", 0), ("tiles of one", 1), ("tiles of four", 2)):
+        build_in_blocks(
+            240.0,
+            tmp_path / "a.laz",
+            tmp_path / name,
+            source="ren_fcs",
+            lod="0",
+            outputs=("footprints",),
+            allow_empty=True,
+            per_tile=tile_blocks > 0,
+            tile_blocks=max(tile_blocks, 1),
+        )
+        starts.append(json.loads((tmp_path / name / "run.json").read_text())["ground_starts"])
+    assert starts == [{"blocks": 4, "without contours on terrain": 2}] * 3
 
 
 def test_ground_regions_are_drawn_where_outliers_leave_first(

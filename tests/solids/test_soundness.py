@@ -7,7 +7,6 @@ import numpy as np
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import PLANARITY
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
-from eaves.solids.cutting import arrange
 from eaves.solids.soundness import (
     FLATTEST_SHARE,
     fold_defect,
@@ -15,7 +14,6 @@ from eaves.solids.soundness import (
     plan_defect,
     surely_sound,
 )
-from tests.solids.test_extrusion import CROSS, SQUARE
 
 SURFACES = np.array([GROUND_SURFACE, ROOF_SURFACE])
 
@@ -59,14 +57,3 @@ def test_plain_plans_are_all_proved_clear() -> None:
     found = [tent(rng) for _ in range(400)]
     sound = [faces for faces in found if plan_defect(faces) == ""]
     assert np.mean([surely_sound(faces, SURFACES)[0] for faces in sound]) > 0.95
-
-
-def test_points_stay_in_cells_that_become_one() -> None:
-    plan = arrange(SQUARE, CROSS)
-    assert plan is not None
-    x, y = np.meshgrid(np.linspace(-0.5, 4.5, 11), np.linspace(-0.5, 4.5, 11))
-    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    for label in (np.array([0, 1, 1, 0]), np.zeros(4, np.int64), np.array([0, -1, 1, 1])):
-        kept = plan.cells_merged(label, plan.cells_of(points))
-        again = plan.merged(label)[0].cells_of(points)
-        assert all(np.array_equal(one, other) for one, other in zip(kept, again, strict=True))

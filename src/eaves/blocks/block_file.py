@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.blocks.ground import STARTS
 from eaves.model import (
     BUILDING,
     GRID_STEP,
@@ -163,9 +164,9 @@ def see_shown(
     ground: Mapping[Block, Mapping[str, NDArray[Any]]],
     parameters: object,
 ) -> dict[str, NDArray[Any]]:
-    """What a run's files show of a block, as arrays; its seconds with those of its ground."""
+    """What a run's files show of a block, as arrays; of its ground what it began with, and its seconds."""
     file = regions[block]
-    arrays = {name: file[name] for name in ("about", "dtm", "dsm")}
+    arrays = {name: file[name] for name in ("about", "dtm", "dsm")} | {STARTS: ground[block][STARTS]}
     seconds = file.metadata().seconds
     return arrays | {SECONDS: packed({**seconds, "ground": float(ground[block][SECONDS])})}
 

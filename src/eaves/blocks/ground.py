@@ -210,7 +210,7 @@ def classify_block(view: GroundView, parameters: Recipe) -> dict[str, NDArray[An
     """Classes and, where the filter finds them, parts of a block's points, in the order of its files."""
     clock = Clock()
     core = Bounds(0.0, 0.0, view.block.side, view.block.side)
-    arrays: dict[str, NDArray[Any]] = {STARTS: np.array(0)} if parameters.ground.start else {}
+    arrays: dict[str, NDArray[Any]] = {STARTS: np.array(0)}
 
     def count(name: str, value: Any) -> None:
         if name == parameters.ground.start:

@@ -109,7 +109,7 @@ class NormalEcho(Detector):
         True,
         "Neighbours of one surface also lie in each other's plane: a step of like normals parts them.",
         off=False,
-        step="a step parts a surface",
+        step="a step parts a small region",
     )
     noise_area: float = parameter(
         NOISE_AREA_M2, "Smaller smooth regions are noise; as before.", unit="m²", ge=0.0

@@ -325,9 +325,9 @@ def read_metadata(region: Region) -> list[BlockMetadata]:
 
 def ground_starts(region: Region) -> dict[str, int]:
     """Number of blocks, and of those in which the ground filter has nothing to begin with, which is said."""
-    counts = [int(region.store.array(GROUND.name, block, STARTS)) for block in region.shown]
-    start, empty = region.run.recipe.ground.start, counts.count(0)
-    if empty:
+    kept, start = SHOWN if region.run.by_tiles else GROUND, region.run.recipe.ground.start
+    counts = [int(region.store.array(kept.name, block, STARTS)) for block in region.shown]
+    if empty := counts.count(0):
         log.info("%d of %d blocks have no %s: see the ground filter", empty, len(counts), start)
     return {"blocks": len(counts), f"without {start}": empty}
 
@@ -362,7 +362,7 @@ def summarise(
     peak = round(max(region.peak, peak_memory_mb()))
     facts = {**stated_request(run), "crs": run.index.system.code, "peak_memory_mb": peak, **tiles}
     facts["remarks"] = list(run.remarks)
-    if run.recipe.ground.start and not (run.recipe.use_classes or run.by_tiles):
+    if run.recipe.ground.start and not run.recipe.use_classes:
         facts["ground_starts"] = ground_starts(region)
     remote = {"remote": run.remote} if run.remote else {}
     return Summary(

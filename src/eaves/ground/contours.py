@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.seeds import lowest_of_cells
+from eaves.ground.toolkit.wide_objects import rise_within
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Grid, Mask, PointCloud, Points, Raster, Values
@@ -138,6 +139,12 @@ def contour_kernel(
     return places, starts[: lines + 1], closed[:lines]
 
 
+def slopes_at(surface: Raster, xy: NDArray[np.float64]) -> Values:
+    """Rise per metre (N,) of a surface at places (N, 2), over two cells."""
+    rises = [surface.at(xy + step) - surface.at(xy - step) for step in surface.cell * np.eye(2)]
+    return np.asarray(np.hypot(*rises) / (2.0 * surface.cell))
+
+
 class ContourGround(GroundMethod):
     """Ground by telling contours of the terrain from contours of what stands on it.
 
@@ -159,9 +166,10 @@ class ContourGround(GroundMethod):
     paper prints no number and does not describe the iteration; cell, interval, lengths, and the rule above
     are ours. Closing is read as: a closed contour is not on terrain, which costs hills inside the data;
     length, as that of an open one. Data narrower than both lengths show a part of each contour: one that
-    runs across them is long. The first round of the iteration makes the filter. Where the contours of walls
-    lie over one another, the lowest holds. Flat terrain has no contour; a block in which none lies on terrain
-    begins with the lowest point of each cell of `least_length`, and a run counts and says such blocks.
+    runs across them is long, unless along half of it the surface is steeper than `wall_slope`, as along a row
+    of houses that leaves the data. The first round of the iteration makes the filter. Where the contours of
+    walls lie over one another, the lowest holds. Flat terrain has no contour; a block in which none lies on
+    terrain begins with the lowest point of each cell of `least_length`, which a run counts and says.
     Contours carry the method where terrain has relief; on flat terrain those lowest points do better.
 
     Fails where
@@ -206,6 +214,14 @@ class ContourGround(GroundMethod):
         step="open contours: length",
         gt=0.0,
     )
+    wall_slope: float = parameter(
+        1.0,
+        "Across data narrower than both lengths, a contour along half of which the surface is steeper than "
+        "this, 45°, runs along walls.",
+        off=1e9,
+        step="open contours: walls across narrow data",
+        gt=0.0,
+    )
     tolerance: float = parameter(
         0.3, "Distance from the terrain within which points belong to it.", unit="m", gt=0.0
     )
@@ -228,17 +244,15 @@ class ContourGround(GroundMethod):
         surface = self.grid_surface(xyz, cell)
         emit("surface", surface)
         contours = self.draw_contours(surface)
-        across = cell * (min(surface.shape) - 2)
-        on_terrain = [contour for contour in contours if self.on_terrain(contour, across)]
+        on_terrain = [contour for contour in contours if self.on_terrain(contour, surface)]
         emit(self.start, on_terrain)
-        emit("contours off terrain", [one for one in contours if not self.on_terrain(one, across)])
+        emit("contours off terrain", [one for one in contours if not self.on_terrain(one, surface)])
         terrain = self.first_terrain(on_terrain, surface, xyz)
         emit("first terrain", terrain)
         terrain = self.refine(terrain, surface)
         emit("terrain", terrain)
-        height = xyz[:, 2] - terrain.at(xyz)
-        row, column = terrain.cell_of(xyz)
-        return np.asarray(np.abs(height) <= self.allowed(terrain)[row, column])
+        allowed = self.allowed(terrain)[terrain.cell_of(xyz)]
+        return np.asarray(np.abs(xyz[:, 2] - terrain.at(xyz)) <= allowed)
 
     def grid_surface(self, xyz: Points, cell: float) -> Raster:
         """The height of the point nearest to each cell's centre."""
@@ -248,15 +262,22 @@ class ContourGround(GroundMethod):
 
     def draw_contours(self, surface: Raster) -> list[Contour]:
         """All contours of the surface at whole multiples of the interval."""
-        low, high = float(np.min(surface.values)), float(np.max(surface.values))
-        first, last = np.ceil(low / self.interval), np.floor(high / self.interval)
-        return trace_contours(surface, np.arange(first, last + 1) * self.interval)
+        low, high = (float(end(surface.values)) / self.interval for end in (np.min, np.max))
+        return trace_contours(surface, np.arange(np.ceil(low), np.floor(high) + 1) * self.interval)
 
-    def on_terrain(self, contour: Contour, across: float = np.inf) -> bool:
-        """True if a contour lies on terrain: by closing, distance of its ends, and length, none of them more
-        than the data are `across` (m)."""
-        far = contour.end_distance > min(self.end_distance, across)
-        return far and contour.length > min(self.least_length, across) and not contour.closed
+    def on_terrain(self, contour: Contour, surface: Raster | None = None) -> bool:
+        """True if a contour lies on terrain: by closing, distance of its ends, and length; in a narrow
+        `surface`, also if it runs across it and not along walls."""
+        ends, length = contour.end_distance, contour.length
+        whole = ends > self.end_distance and length > self.least_length
+        if surface is not None and not (whole or contour.closed):
+            across = surface.cell * (min(surface.shape) - 2)
+            whole = (
+                ends > min(self.end_distance, across)
+                and length > min(self.least_length, across)
+                and float(np.median(slopes_at(surface, contour.xy))) <= self.wall_slope
+            )
+        return whole and not contour.closed
 
     def first_terrain(self, contours: list[Contour], surface: Raster, xyz: Points) -> Raster:
         """Linear between the contours on terrain; where several cross a cell the lowest holds."""
@@ -268,10 +289,7 @@ class ContourGround(GroundMethod):
 
     def allowed(self, terrain: Raster) -> Grid:
         """Largest distance (H, W), m, from the terrain of what belongs to it."""
-        if min(terrain.shape) < 2:
-            return np.full(terrain.shape, self.tolerance, np.float32)
-        south, east = np.gradient(terrain.values)
-        return np.asarray(self.tolerance + self.rise * np.hypot(south, east), np.float32)
+        return np.asarray(self.tolerance + self.rise * rise_within(terrain.values), np.float32)
 
     def refine(self, terrain: Raster, surface: Raster) -> Raster:
         """The terrain supported by the cells of the surface that lie on it, repeated until they stay the

@@ -172,8 +172,7 @@ def classify_ground(
     emit = ignore if debug is None else of_all_points(emitter(debug), place, len(cloud))
     with naming(filter_):
         mask, unsure = filter_.separate(clean, over, emit, core)
-    is_mask = is_array(mask, len(clean), "b")
-    check_returned(filter_, is_mask, f"an array ({len(clean)},) of bool", mask)
+    check_returned(filter_, is_array(mask, len(clean), "b"), f"an array ({len(clean)},) of bool", mask)
     classes[place[mask]] = GROUND
     part = None
     if unsure is not None:

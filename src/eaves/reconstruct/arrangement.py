@@ -20,7 +20,6 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane, Solid, Values
 from eaves.reconstruct.toolkit.ceiling import height_over_points, highest_of
 from eaves.reconstruct.toolkit.cell_labels import (
-    LARGEST,
     LabelCosts,
     PlaneReach,
     cell_costs,
@@ -36,9 +35,9 @@ from eaves.reconstruct.toolkit.evidence import (
 )
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
-from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_towers, find_superstructures
+from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures
 from eaves.reconstruct.toolkit.unseen import mirrored_planes, unseen_lines, unseen_places
-from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
+from eaves.solids.coverage import OUTSIDE, Coverage
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import LOWEST_ROOF, corner_rank, extrude_plan, is_sound, make_moves, without_numbers
 from eaves.solids.soundness import LOWEST_WALL
@@ -270,7 +269,8 @@ class Arrangement(ObjectLimits):
     -------
     min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + 2γ · faces,
 
-    d the distance of a roof point from the cell's plane, a the spacing, τ, g the limits, β, γ the prices; s
+    d the distance of a roof point from the cell's plane, a the spacing, β, γ the prices, g a limit, τ = T σ
+    another, σ the scatter of the points about their planes: what the scan does not tell apart costs little. s
     grows with the height of the jump from 0.2 where the planes meet to 1 where they are half a metre apart. γ
     counts in points: what a part must show to be worth its description is a number of points, not an area; a
     face is a plane and where it lies. Cells choose in the order of what it matters to them, then cells and
@@ -311,12 +311,6 @@ class Arrangement(ObjectLimits):
     )
     paper: ClassVar[str] = "peters2022"
 
-    farthest: float = parameter(
-        5.0,
-        "Largest distance from the rectangle around a plane's points of a cell that can get that plane.",
-        unit="m",
-        ge=0.0,
-    )
     simple_smallest: float = parameter(
         10.0,
         "Area of the smallest roof face at LoD 2.0.",
@@ -369,41 +363,25 @@ class Arrangement(ObjectLimits):
         cells = self.cells(footprint, roof, *fitted, spacing, ground, unseen, emit)
         if cells is not None:
             (plan, reach, located, data), coefficients = cells, fitted[1]
-        for _ in range(MOST_ROUNDS):
-            chosen = label_cells(plan, reach, self, data)
-            merged, names = plan.merged(chosen)
-            towers = find_leaf_towers(merged, names, coefficients, points[inside], spacing, self)
-            leafy = np.flatnonzero(towers[plan.regions(chosen)[0]])
-            if len(leafy) == 0:
-                break
-            data[leafy, chosen[leafy]] = LARGEST
-        located = plan.cells_merged(chosen, located)
-        chosen = names
-        plan, chosen = settle_corners(
-            merged,
-            chosen,
-            roof,
-            coefficients,
-            self,
-            self.plane_points,
-            self.residual_limit,
-            reach.highest,
-        )
-        if plan is not merged:
-            located = plan.cells_of(roof)
+        whole = plan.merged(label_cells(plan, reach, self, data))
+        price, limit = self.plane_points, self.residual_limit
+        settled = settle_corners(*whole, roof, coefficients, self, price, limit, reach.highest)
+        for plan, chosen in (settled, whole):
+            fine = extrude_plan(plan, chosen, coefficients, ground, self.smallest)
+            over = height_over_points(fine.solids, roof) if fine.solids else 0.0
+            if plan is whole[0] or (fine.solids and not over):
+                break  # else corners that moved are in each other's way
         if emit is not ignore:
             emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
-        inputs = (plan, chosen, coefficients, ground)
-        fine = extrude_plan(*inputs, self.smallest)
-        solids = coarse_solids(plan, roof, ground, self.level_jump, self.smallest, located)
+        solids = coarse_solids(plan, roof, ground, self.level_jump, self.smallest)
         shares: dict[str, float] = {}
         for lod, parts in solids.items():
             alike = lod != "1.2" and parts is solids.get("1.2")
             shares[lod] = shares["1.2"] if alike else share_near(parts, roof)
         if planes and plan.count > 1:
             smallest = min(self.simple_smallest, self.simple_share * float(plan.area.sum()))
-            simple = without_numbers(extrude_plan(*inputs, smallest).solids)
+            simple = without_numbers(extrude_plan(plan, chosen, coefficients, ground, smallest).solids)
             share = share_near(simple, roof)
             sound = simple and not height_over_points(simple, roof)
             if sound and not self.compare("2.0", share, shares):
@@ -414,7 +392,7 @@ class Arrangement(ObjectLimits):
             fallback = fallen_back("no_plane", "no roof plane was found among the points")
         elif not fine.solids:
             fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
-        elif over := height_over_points(fine.solids, roof):
+        elif over:
             fallback = fallen_back("over_points", f"LoD 2.2 rises {over:.1f} m over its highest point")
         else:
             surface = surface_heights(fine.solids, roof[:, :2])
@@ -463,8 +441,7 @@ class Arrangement(ObjectLimits):
         plan = self.cut(footprint, roof, labels, planes, spacing, unseen, emit)
         if plan is None:
             return None
-        highest = highest_of(roof, labels, planes, self.residual_limit)
-        reach = plane_reach(roof, labels, planes, spacing, ground, self.farthest, highest, unseen)
+        reach = plane_reach(roof, labels, planes, spacing, ground, self)
         located = plan.cells_of(roof)
         return plan, reach, located, cell_costs(plan, reach, self, located)
 

@@ -439,17 +439,6 @@ class Coverage:
         start, end = self.nodes[self.start[halves]], self.nodes[self.end[halves]]
         return points_in_polygons(points, start, end, self.cell[halves], self.count)
 
-    def cells_merged(self, label: Integers, located: tuple[Integers, Integers]) -> tuple[Integers, Integers]:
-        """The answer of `cells_of` once cells of like label (C,) are `merged`, from its answer before."""
-        point, cell = located
-        region = self.regions(label)[0][cell]
-        inside = region != OUTSIDE
-        point, region = point[inside], region[inside]
-        if len(point) and (point[1:] == point[:-1]).any():
-            key = np.unique(point * self.count + region)
-            point, region = key // self.count, key % self.count
-        return point, region
-
     def merged(self, label: Integers) -> tuple[Coverage, Integers]:
         """Neighbouring cells of like label (C,) made one, and the label of each new cell.
 

@@ -239,9 +239,7 @@ class AdaptiveTin(Opening, GroundMethod):
         return self.wide_around if self.seed_cell is None else 0.0
 
     def find_wide_objects(self, floor: Floor) -> Patch | None:
-        if self.seed_cell is not None:
-            return None
-        return find_wide_objects(floor, self)
+        return find_wide_objects(floor, self) if self.seed_cell is None else None
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         return self.separate(cloud, np.zeros(len(cloud), bool), emit)[0]

@@ -477,8 +477,7 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict, large
     everything = surfaces.rims
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
     share = everything[:, DOWN] / np.maximum(stepped, 1.0)
-    doubtful = ~verdict.raised & (share > 0.5)
-    doubtful &= surfaces.area >= large
+    doubtful = ~verdict.raised & (share > 0.5) & (surfaces.area >= large)
     doubtful[np.argmax(surfaces.area)] = False
     doubts = []
     for k in np.flatnonzero(doubtful):

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
-from eaves.geometry.components import members
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Integers, Labels, Points, Values
-from eaves.reconstruct.toolkit.ceiling import rise_over
-from eaves.reconstruct.toolkit.unseen import without_points
+from eaves.reconstruct.toolkit.ceiling import highest_of, rise_over
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
+from eaves.solids.soundness import LOWEST_WALL
 
 LARGEST = 1e5
 """Cost of a label at a node from which it is never taken."""
@@ -206,6 +205,9 @@ def cost_kernel(
     return float(total)
 
 
+NORMAL_MEDIAN = 0.6745
+"""Median distance from the mean of a normal distribution, in standard deviations."""
+
 RUNAWAY = 1e3
 """Cost (m²) of a metre under the lowest roof, or over what was seen: more than any residual."""
 
@@ -218,10 +220,16 @@ class LabelCosts(BaseModel):
 
     residual_limit: float = parameter(
         0.45,
-        "Distance from a plane at which a point's residual stops growing; a border with such a jump has its "
-        "full price.",
+        "Largest distance from a plane at which a point's residual stops growing; a border with such a jump "
+        "has its full price.",
         unit="m",
-        symbol="τ",
+        gt=0.0,
+    )
+    residual_share: float = parameter(
+        10.0,
+        "Distance at which it stops growing, in multiples of the scatter of the roof's points about their "
+        "planes: what sags a little stays on its plane.",
+        symbol="T",
         gt=0.0,
     )
     gross_limit: float = parameter(
@@ -252,45 +260,37 @@ class LabelCosts(BaseModel):
 @dataclass(frozen=True, eq=False)
 class PlaneReach:
     """The roof points (N, 3), the planes (P, 3: a, b, c) that their `labels` (N,) say they support, and where
-    these may be: in the rectangles `box` (P, 4), not under `lowest` (m), nor over `highest` (P,) but where
-    two that were seen meet.
+    these may be: not under `lowest` (m), nor over `highest` (P,) but where two that were seen meet. From the
+    distance `limit` (m) on a point's residual is full.
 
-    The last plane is the level that stands for no plane at all and may be anywhere.
+    The last plane is the level that stands for no plane at all.
     """
 
     roof: Points
     labels: Labels
     planes: Values
     spacing: float
-    box: Values
     lowest: float
     highest: Values
+    limit: float
 
 
 def plane_reach(
-    roof: Points,
-    labels: Labels,
-    planes: Values,
-    spacing: float,
-    ground: float,
-    farthest: float,
-    highest: Values,
-    unseen: Values,
+    roof: Points, labels: Labels, planes: Values, spacing: float, ground: float, costs: LabelCosts
 ) -> PlaneReach:
-    """Reach of planes (P, 3): up to `farthest` (m) from the rectangles around their points, or from the
-    `unseen` places (K, 2) for those without any, over the base and not over the `highest` (P,).
+    """Reach of planes (P, 3), over the base and not over what was seen of the roof.
 
-    `labels` (N,) say which of them each roof point (N, 3) supports.
+    `labels` (N,) say which of them each roof point (N, 3) supports. The limit of residuals is
+    `residual_share` times the scatter of those points, from their median distance, as of a normal
+    distribution.
     """
-    box = np.full((len(planes), 4), np.inf)
-    for number, points in enumerate(members(labels, len(planes))):
-        if len(points):
-            box[number] = np.hstack([roof[points, :2].min(axis=0), -roof[points, :2].max(axis=0)])
-    if len(unseen):
-        box[without_points(labels, planes)] = np.hstack([unseen.min(axis=0), -unseen.max(axis=0)])
-    box = (box - farthest) * np.array([1.0, 1.0, -1.0, -1.0])
-    box[-1] = -np.inf, -np.inf, np.inf, np.inf
-    return PlaneReach(roof, labels, planes, spacing, box, ground + LOWEST_ROOF, highest)
+    known = labels >= 0
+    a, b, c = planes[labels[known]].T
+    away = np.abs(roof[known, 2] - a * roof[known, 0] - b * roof[known, 1] - c) / np.sqrt(1.0 + a**2 + b**2)
+    scatter = float(np.median(away)) / NORMAL_MEDIAN if known.any() else np.inf
+    limit = min(max(costs.residual_share * scatter, LOWEST_WALL), costs.residual_limit)
+    highest = highest_of(roof, labels, planes, costs.residual_limit)
+    return PlaneReach(roof, labels, planes, spacing, ground + LOWEST_ROOF, highest, limit)
 
 
 def label_cells(coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: Values) -> Integers:
@@ -314,10 +314,7 @@ def label_cells(coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: 
 def cell_costs(
     coverage: Coverage, reach: PlaneReach, costs: LabelCosts, located: tuple[Integers, Integers]
 ) -> Values:
-    """The cost (C, P; m²) of every plane for every cell; `located` are roof points and the cells they lie in.
-
-    Only planes near a cell may have it: those the rectangle around whose points is near the cell's.
-    """
+    """The cost (C, P; m²) of every plane for every cell; `located` are roof points and their cells."""
     point, cell = located
     order = np.argsort(cell, kind="stable")
     inner = np.flatnonzero(coverage.cell != OUTSIDE)
@@ -329,9 +326,8 @@ def cell_costs(
         np.searchsorted(coverage.cell[inner], np.arange(coverage.count + 1)),
         reach.planes,
         np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in reach.planes.tolist()]),
-        reach.box,
         reach.lowest,
-        costs.residual_limit,
+        reach.limit,
         costs.gross_limit,
         reach.spacing**2,
     )
@@ -351,7 +347,6 @@ def cell_costs_kernel(
     start: Integers,
     planes: Values,
     steepness: Values,
-    box: Values,
     lowest: float,
     residual_limit: float,
     gross_limit: float,
@@ -360,18 +355,11 @@ def cell_costs_kernel(
     """The residual (C, P; m²) of every plane's points in every cell, and of heights under the lowest.
 
     Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from
-    `start`. `steepness` (P,) is √(1 + a² + b²), `box` (P, 4) where a plane may be, not under the
-    `lowest` (m).
+    `start`. `steepness` (P,) is √(1 + a² + b²); no plane may lie under the `lowest` (m).
     """
-    data = np.full((len(first) - 1, len(planes)), LARGEST)
+    data = np.empty((len(first) - 1, len(planes)))
     for cell in range(len(first) - 1):
-        west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
-        for corner in range(start[cell], start[cell + 1]):
-            west, east = min(west, corners[corner, 0]), max(east, corners[corner, 0])
-            south, north = min(south, corners[corner, 1]), max(north, corners[corner, 1])
         for plane in range(len(planes)):
-            if west > box[plane, 2] or south > box[plane, 3] or east < box[plane, 0] or north < box[plane, 1]:
-                continue
             a, b, c = planes[plane]
             beyond = 0.0
             for corner in range(start[cell], start[cell + 1]):

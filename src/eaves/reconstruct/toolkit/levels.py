@@ -72,12 +72,9 @@ def coarse_solids(
     ground: float,
     jump: float,
     smallest: float,
-    located: tuple[Integers, Integers] | None = None,
 ) -> dict[str, tuple[Solid, ...]]:
-    """The sound solids at LoD 1.2 and 1.3 over a plan; `smallest` (m²) is the least face, `located` the roof
-    points and the cells they lie in, where these are known.
-    """
-    point, cell = located or plan.cells_of(roof)
+    """The sound solids at LoD 1.2 and 1.3 over a plan; `smallest` (m²) is the least face."""
+    point, cell = plan.cells_of(roof)
     heights = roof[point, 2]
     single, levels = np.zeros(plan.count, np.int64), group_levels(plan, cell, heights, jump)
     solids: dict[str, tuple[Solid, ...]] = {}

@@ -12,17 +12,17 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.figures.attributes import LEAST_SHOWN, NEAR_M, Surface, surface_heights
+from eaves.figures.attributes import LEAST_SHOWN, Surface, surface_heights
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import parameter
-from eaves.model import ROOF_SURFACE, Bounds, Installation, Integers, Mask, Points, Solid, Values
+from eaves.model import ROOF_SURFACE, Installation, Points, Solid, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
-from eaves.solids.coverage import NARROWEST_NECK, OUTSIDE, Coverage, coverage_of, cut_polygons
+from eaves.solids.coverage import NARROWEST_NECK, coverage_of, cut_polygons
 from eaves.solids.extrude import SAME_HEIGHT
 from eaves.solids.soundness import CLOSEST, LOWEST_WALL
 from eaves.solids.undersides import RoofPlan, close_slabs
@@ -157,49 +157,6 @@ class ObjectLimits(LineReconstructor, LabelCosts):
     )
     largest_chimney: float = parameter(1.5, "Area of the largest chimney.", unit="m2", gt=0.0)
     lowest_lift_housing: float = parameter(1.6, "Height of the lowest lift housing.", unit="m", gt=0.0)
-
-
-def find_leaf_towers(
-    plan: Coverage,
-    labels: Integers,
-    planes: NDArray[np.float64],
-    points: Points,
-    spacing: float,
-    limits: ObjectLimits,
-) -> Mask:
-    """Mask (C,) of the cells that are towers of leaves; `planes` (P, 3) lie over them by their `labels` (C,).
-
-    A tower is cells whose planes meet, together smaller than `tower_largest` and higher by `level_jump` than
-    most of what lies around them. It is a body where its planes hold most of the points (N, 3) in and beside
-    it that the roof around it does not: those of a crown are strewn over its height.
-    """
-    halves = np.flatnonzero((plan.cell != OUTSIDE) & (plan.cell[plan.twin] != OUTSIDE))
-    inner, outer, length = plan.cell[halves], plan.cell[plan.twin[halves]], plan.length[halves]
-    middle = 0.5 * (plan.nodes[plan.start[halves]] + plan.nodes[plan.end[halves]])
-    apart = planes[labels[inner]] - planes[labels[outer]]
-    step = (apart[:, :2] * middle).sum(axis=1) + apart[:, 2]
-    meet = np.abs(step) < limits.residual_limit
-    group = connected_groups_kernel(inner[meet], outer[meet], plan.count)
-    rim, count = group[inner] != group[outer], int(group.max()) + 1
-    high = (
-        np.bincount(group[inner], length * rim * np.where(step > limits.level_jump, 1.0, -1.0), count) > 0.0
-    )
-    small = np.bincount(group, plan.area, count) < limits.tower_largest
-    towers = np.zeros(plan.count, bool)
-    for tower in np.flatnonzero(small & high).tolist():
-        body = shapely.union_all(plan.polygons()[group == tower])
-        sample = points[Bounds(*body.bounds).buffered(2.0 * spacing).contains(points)]
-        sample = sample[shapely.dwithin(body, shapely.points(sample[:, :2]), spacing)]
-        on_top = lie_on(sample, planes[labels[group == tower]])
-        strewn = ~on_top & ~lie_on(sample, planes[labels[outer[rim & (group[inner] == tower)]]])
-        towers |= (group == tower) & (on_top.sum() < LEAST_SHOWN * (on_top | strewn).sum())
-    return towers
-
-
-def lie_on(points: Points, planes: NDArray[np.float64]) -> Mask:
-    """Mask (N,) of the points (N, 3) that lie near one of the planes (P, 3)."""
-    heights = points[:, :2] @ planes[:, :2].T + planes[:, 2]
-    return np.asarray((np.abs(heights - points[:, 2:3]) <= NEAR_M).any(axis=1))
 
 
 def find_superstructures(
