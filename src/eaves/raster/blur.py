@@ -44,9 +44,9 @@ LEAST_CELL_M = 0.5
 BOUND = 2.0
 """So many cells are what a sharp wall takes between two points."""
 SHOWN = 0.8
-"""Share of a blur over two of a sharp wall's that counts as shown by the median edge. Edges of drawn towns show .6
-to .75, as roofs are too narrow to rise to their full height; a surface that is sharpened by all of it rings:
-of .675, .8 and .95 on sixteen drawn towns .8 has the fewest false outlines, and as many roofs."""
+"""Share of a blur over two of a sharp wall's that counts as shown by the median edge. Edges of drawn towns
+show .6 to .75, as roofs are too narrow to rise to their full height; a surface that is sharpened by all of it
+rings: of .675, .8 and .95 on sixteen drawn towns .8 has the fewest false outlines, and as many roofs."""
 FLATTEST = 5.0
 """Percentile of the squares that are flat in any scan of roofs, roads or fields."""
 COVER_M = 4.0
