@@ -11,6 +11,7 @@ from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.borders import source_side
 from eaves.detect.consensus.evidence import gather_evidence
+from eaves.detect.consensus.groups import without_pores
 from eaves.detect.consensus.segments import find_segments, inner_width
 from eaves.detect.consensus.windows import planes_kernel, window_sum
 from eaves.detect.stage import OBJECT
@@ -205,6 +206,35 @@ def test_a_glass_roof_is_found_by_its_rim_and_a_pond_is_not() -> None:
     found = detect_buildings(scene, Consensus())
     assert found.count == 1
     assert (found.label[what == 1] > 0).mean() > 0.9
+
+
+@pytest.mark.parametrize(("passing", "share"), [(0.1, 0.99), (0.3, 0.99), (0.6, 0.97)])
+def test_a_roof_that_pulses_pass_through_is_whole(passing: float, share: float) -> None:
+    made = MadeScene(size=90.0, seed=4)
+    made.box(20.0, 20.0, 70.0, 60.0, 12.0, 1)
+    scene, what = made.scene()
+    xyz = scene.cloud.xyz.copy()
+    inner = (np.abs(xyz[:, :2] - (45.0, 40.0)) < (20.0, 15.0)).all(axis=1)
+    through = inner & (made.rng.random(len(xyz)) < passing)
+    xyz[through, 2] = 0.0
+    classes = np.where((what == 0) | through, 2, 1).astype(np.uint8)
+    cloud = PointCloud(xyz, classification=classes)
+    found = detect_buildings(make_scene(cloud), Consensus())
+    assert (found.label[inner & ~through] > 0).mean() > share
+
+
+def test_pores_of_one_surface_count_as_roof_and_courts_do_not() -> None:
+    roof = np.zeros((40, 40), bool)
+    roof[2:38, 2:38] = True
+    surface = roof.astype(np.int32)
+    surface[:, 20:] *= 2  # two surfaces
+    roof[5:8, 5:8] = roof[10, 3:15] = False  # a pore and a narrow one
+    roof[15:20, 18:22] = False  # between the two
+    roof[25:31, 5:11] = False  # a court of 3 m by 3 m
+    filled = without_pores(roof, surface, 0.5, 2.5)
+    assert filled[5:8, 5:8].all() and filled[10, 3:15].all()
+    assert not filled[15:20, 18:22].any() and not filled[25:31, 5:11].any()
+    assert not filled[:2].any() and (filled >= roof).all()
 
 
 @pytest.mark.parametrize("has_returns", [False, True])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -139,6 +140,20 @@ def test_colours_tell_nothing_where_nothing_smooth_rises() -> None:
     rng = np.random.default_rng(2)
     terrain = rng.normal(0.33, 0.1, 50_000)
     assert learned(count_signs(terrain, terrain[:900], terrain[:20]), alike=49.0).power == 0.0
+
+
+@pytest.mark.parametrize(("blur", "parted", "count"), [(0.0, False, 1), (2.0, True, 1), (2.0, False, 0)])
+def test_where_walls_are_smoothed_and_colours_tell_nothing_shape_is_no_evidence(
+    blur: float, parted: bool, count: int
+) -> None:
+    made = MadeScene(size=60.0)
+    made.box(20.0, 20.0, 36.0, 34.0, 6.0, 1)
+    scene, what = made.scene(returns=False)
+    red = np.where((what == 1) & parted, 60_000.0, 20_000.0)
+    fields = {"red": red, "green": np.full(len(red), 30_000.0), "blue": np.full(len(red), 20_000.0)}
+    cloud = replace(scene.cloud, fields=fields)
+    found = detect_buildings(replace(scene, cloud=cloud), Consensus().for_scan(blur, 0.0))
+    assert found.count == count
 
 
 def test_what_blocks_around_count_is_added_up_for_a_block_without_roofs() -> None:

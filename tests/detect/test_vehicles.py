@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.parts import find_vehicles
@@ -39,6 +40,15 @@ def test_a_level_van_is_a_vehicle(turned_deg: float) -> None:
 def test_what_is_wide_or_short_is_no_vehicle() -> None:
     assert not is_vehicle(top(5.5, 2.8))
     assert not is_vehicle(top(3.5, 2.2))
+
+
+@pytest.mark.parametrize(("tall", "expected"), [(4.0, True), (6.0, False)])
+def test_a_lorry_whose_walls_are_soft_is_a_vehicle(tall: float, expected: bool) -> None:
+    rng = np.random.default_rng(5)
+    u, v = rng.uniform(-1.6, 1.6, 4000), rng.uniform(-6.0, 6.0, 4000)
+    rise = ndtr((1.25 - np.abs(u)) / 0.3) * ndtr((5.0 - np.abs(v)) / 0.3)  # 2.5 m by 10 m, blurred by 0.3 m
+    xyz = np.c_[u, v, tall * rise][rise > 0.25]
+    assert is_vehicle(xyz) == expected
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

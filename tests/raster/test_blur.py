@@ -29,16 +29,16 @@ def points_of(surface: np.ndarray) -> np.ndarray:
 
 
 def test_sharp_walls_have_no_blur():
-    assert measure_blur(points_of(town(0.0))) == 0.0
+    assert np.isnan(measure_blur(points_of(town(0.0))))
 
 
 @pytest.mark.parametrize("sigma", [1.5, 2.0, 3.0])
 def test_blur_is_measured(sigma):
-    assert 0.75 * sigma < measure_blur(points_of(town(sigma))) < 1.15 * sigma
+    assert 0.95 * sigma < measure_blur(points_of(town(sigma))) < 1.2 * sigma
 
 
 def test_a_slope_without_walls_has_no_blur():
-    assert measure_blur(points_of(0.3 * np.arange(240) * np.ones((240, 1)))) == 0.0
+    assert np.isnan(measure_blur(points_of(0.3 * np.arange(240) * np.ones((240, 1)))))
 
 
 @pytest.mark.parametrize("sigma", [1.5, 2.5])

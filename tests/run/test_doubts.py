@@ -77,10 +77,10 @@ def test_doubts_are_told_in_all_files_and_once_also_by_tiles(cut_file: Path, tmp
     whole = build(cut_file, tmp_path / "whole")
     told = json.loads((tmp_path / "whole" / "run.json").read_text())["doubts"]
     found = layer_of(tmp_path / "whole")
-    assert told["count"] == len(found) == sum(told["by_stage"].values()) > 0
-    assert {one["reason"] for one in told["largest"]} == {row[1] for row in found}
+    assert told["count"] == len(found) == sum(kind["count"] for kind in told["kinds"]) > 0
+    assert {kind["reason"] for kind in told["kinds"]} <= {row[1] for row in found}
     assert any("rim of the data" in str(row[1]) for row in found)
-    line = f"doubts: {len(found)}, see the layer doubts of footprints.gpkg"
+    line = f"doubts: {len(found)} of {len(told['kinds'])} kinds, see the layer doubts of footprints.gpkg"
     assert line in whole.as_text().splitlines()
     assert line in describe_run(tmp_path / "whole")
     tiled = build(cut_file, tmp_path / "tiled", per_tile=True)
@@ -102,12 +102,15 @@ def test_what_two_blocks_doubt_is_told_once() -> None:
     assert distinct_doubts([large, other_kind, same], 240.0) == [large, other_kind]
 
 
-def test_doubts_of_one_kind_in_a_block_are_one_at_the_largest() -> None:
+def test_what_is_read_has_a_line_a_kind_and_the_layer_every_place() -> None:
     large = Doubt(35.0, 100.0, 900.0, "a roof or not: score 0.50", "detect")
     small = Doubt(36.0, 100.0, 80.0, "a roof or not: score 0.40", "detect")
-    elsewhere = replace(small, x=600.0, area_m2=950.0)
-    both = replace(large, area_m2=980.0, reason=f"{large.reason} (the largest of 2 in its block)")
-    assert distinct_doubts([small, large, elsewhere], 240.0) == [both, elsewhere]
+    other = replace(small, area_m2=950.0, reason="a building on the rim of the data")
+    found = distinct_doubts([small, large, other], 240.0)
+    assert found == [other, large, small]
+    first, second = describe_doubts(found, 1.0, LAYER)["kinds"]
+    assert (first["count"], first["area_m2"], first["reason"], first["x"]) == (2, 980.0, large.reason, 35.0)
+    assert (second["count"], second["area_m2"], second["reason"]) == (1, 950.0, other.reason)
 
 
 def test_more_objects_than_buildings_are_said_with_their_number_and_the_largest() -> None:
@@ -121,8 +124,8 @@ def test_more_objects_than_buildings_are_said_with_their_number_and_the_largest(
 def test_places_are_in_the_unit_of_the_reference_system() -> None:
     doubt = Doubt(304.8, 609.6, 100.0, "a terrace or a roof", "ground")
     told = describe_doubts([doubt], 0.3048, LAYER)
-    assert (told["largest"][0]["x"], told["largest"][0]["y"]) == (1000.0, 2000.0)
-    assert told["by_stage"] == {"ground": 1}
+    assert (told["kinds"][0]["x"], told["kinds"][0]["y"]) == (1000.0, 2000.0)
+    assert told["kinds"][0]["stage"] == "ground"
     square = doubt_row(doubt).geometry
     assert square is not None and square.area == pytest.approx(100.0)
 

@@ -97,7 +97,8 @@ class ScanFacts:
     roughness : float or None
         Fifth percentile of the RMSE (m) across the planes of squares of 3 m; None for too few points.
     blur : float
-        Standard deviation (m) by which walls are smoothed in a scan without pulses; 0 where they are sharp.
+        Standard deviation (m) by which walls are smoothed in a scan without pulses; 0 where no house loses by
+        it; None where walls are sharp.
     colours : bool
         True if the points have colours.
     height_ratio : float or None
@@ -131,7 +132,7 @@ class ScanFacts:
     cpu_s: float
     memory_mb: int
     roughness: float | None
-    blur: float
+    blur: float | None
     colours: bool
 
     @property
@@ -165,7 +166,8 @@ class ScanFacts:
         """Remarks on what the scan cannot show, or what may go wrong: a plain line each."""
         witness = "and colours" if self.colours and self.of_images else "alone"
         shape = f"crowns and roofs are separated by shape {witness}"
-        wall = WIDTH * self.blur
+        blur = self.blur or 0.0
+        wall = WIDTH * blur
         sharpened = (
             f"heights are sharpened for all that follows; houses narrower than {wall:.0f} m lose height or "
             "are lost, and relief may be taken for houses"
@@ -179,8 +181,8 @@ class ScanFacts:
                 f"is not seen, and {shape}",
             ),
             (
-                self.blur > 0,
-                f"walls are smoothed over {wall:.1f} m (standard deviation {self.blur:.2f} m): {sharpened}",
+                blur > 0.0,
+                f"walls are smoothed over {wall:.1f} m (standard deviation {blur:.2f} m): {sharpened}",
             ),
             (
                 self.rough > 0.0,
@@ -250,7 +252,11 @@ class ScanFacts:
             "returns": self.returns,
             "split pulses": f"{self.split_share:.1%}",
             "roughness": "not measured" if self.roughness is None else f"{self.roughness:.3f} m",
-            "walls": f"smoothed by {self.blur:.2f} m" if self.blur else "not smoothed",
+            "walls": f"smoothed by {self.blur:.2f} m"
+            if self.blur
+            else "sharp"
+            if self.blur is None
+            else "nearly sharp",
             "colours": "yes" if self.colours else "no",
             "intensity": "yes" if self.intensity else "no",
             "classes": classes or "none",
@@ -284,11 +290,11 @@ def scan_facts(index: Index) -> ScanFacts:
     area: float = ((east - west) * (north - south)).sum()
     void = pieces = piece = None
     below, deepest, at_zero, roofs = 0, 0.0, 0.0, 0.0
-    returns, rough, blur = _kind_of_returns(sample), None, 0.0
+    returns, rough, blur = _kind_of_returns(sample), None, None
     if len(sample.xyz):
         rough = _rounded(measure_roughness(sample.xyz))
         if of_images(returns, sample.pulses):
-            blur = round(measure_blur(sample.xyz) / BLUR_STEP) * BLUR_STEP
+            blur = _rounded(measure_blur(sample.xyz), BLUR_STEP)
         cover = _cover(sample.xyz)
         below, deepest, at_zero, roofs = _heights(sample.xyz, cover[0])
         if complete:
@@ -333,9 +339,9 @@ def of_images(returns: str, pulses: bool) -> bool:
     return returns in (NO_RETURNS, SINGLE) and not pulses
 
 
-def _rounded(value: float) -> float | None:
-    """A value to millimetres; None for NaN."""
-    return None if np.isnan(value) else round(value, 3)
+def _rounded(value: float, step: float = 0.001) -> float | None:
+    """A value (m) in whole steps; None for NaN."""
+    return None if np.isnan(value) else round(round(value / step) * step, 3)
 
 
 def feet_remark(rows: Iterable[BuildingRow]) -> str | None:

@@ -228,9 +228,9 @@ def thin_points(region: Region) -> None:
 
 
 def sharpen_points(region: Region) -> None:
-    """Sharpen the heights of a scan whose walls were smoothed."""
+    """Sharpen the heights of a scan whose walls were smoothed, and smooth those of a rough one."""
     squares, store = squares_to_read(region), region.store
-    blocks = store.blocks(region.run.side) if region.run.blur else []
+    blocks = store.blocks(region.run.side) if region.run.sharpened else []
     choose_points(region, SHARPENED, [block for block in blocks if squares is None or block in squares])
 
 

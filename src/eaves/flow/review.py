@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -33,8 +31,6 @@ LEAST_SIDE = 1.0
 LAYER = "the layer doubts of footprints.gpkg"
 LEAST_FACE_M2 = 10.0
 """A smaller face in doubt (m² in plan) is in the layer `roof_planes`, where `weak` says why."""
-MOST_LISTED = 100
-"""Doubts listed in run.json, the largest; the layer holds all."""
 
 
 def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
@@ -89,21 +85,7 @@ def distinct_doubts(doubts: Iterable[Doubt], side: float) -> list[Doubt]:
     ordered = sorted(
         set(doubts), key=lambda doubt: (-doubt.area_m2, doubt.x, doubt.y, doubt.stage, doubt.reason)
     )
-    return together(without_repeated(ordered, side), side)
-
-
-def together(doubts: Sequence[Doubt], side: float) -> list[Doubt]:
-    """The doubts, sorted by size, those of one kind in one block as one, at the place of the largest."""
-    groups = dict[tuple[object, ...], list[Doubt]]()
-    for doubt in doubts:
-        key = doubt.stage, kind_of(doubt), Block.at(doubt.x, doubt.y, side)
-        groups.setdefault(key, []).append(doubt)
-    merged = list[Doubt]()
-    for first, *others in groups.values():
-        area = round(sum(doubt.area_m2 for doubt in (first, *others)), 1)
-        more = f" (the largest of {len(others) + 1} in its block)" if others else ""
-        merged.append(replace(first, area_m2=area, reason=first.reason + more))
-    return sorted(merged, key=lambda doubt: -doubt.area_m2)
+    return without_repeated(ordered, side)
 
 
 def kind_of(doubt: Doubt) -> str:
@@ -128,7 +110,8 @@ def objects_remark(doubts: Iterable[Doubt], buildings: int, unit: float, where: 
 
 def doubt_row(doubt: Doubt) -> Row:
     """The row of a doubt: the square of its area about its middle."""
-    return Row(square_of(doubt), columns_of(doubt))
+    columns = {"stage": doubt.stage, "reason": doubt.reason, "area_m2": doubt.area_m2}
+    return Row(square_of(doubt), columns)
 
 
 def face_doubts(rows: Iterable[BuildingRow]) -> Iterator[Doubt]:
@@ -165,21 +148,25 @@ def square_of(doubt: Doubt) -> shapely.Polygon:
     return shapely.box(doubt.x - half, doubt.y - half, doubt.x + half, doubt.y + half)
 
 
-def columns_of(doubt: Doubt) -> dict[str, Any]:
-    """The columns of a doubt's row."""
-    return {"stage": doubt.stage, "reason": doubt.reason, "area_m2": doubt.area_m2}
-
-
 def describe_doubts(doubts: Sequence[Doubt], unit: float, where: str) -> dict[str, Any]:
-    """Their summary in run.json: counts, and the places of the largest in the reference system's unit, of so
-    many metres. `where` names what to open for them."""
-    places = []
-    for doubt in doubts[:MOST_LISTED]:
-        x, y = (round(round(value, 2) / unit, 2) for value in (doubt.x, doubt.y))
-        places.append({"x": x, "y": y, **columns_of(doubt)})
-    return {
-        "count": len(doubts),
-        "by_stage": dict(sorted(Counter(doubt.stage for doubt in doubts).items())),
-        "see": where,
-        "largest": places,
-    }
+    """What run.json says of the doubts, sorted by size: how many, and of each kind how many, their area and
+    the largest, its place in the reference system's unit, of so many metres; `where` names what to open.
+    """
+    groups = dict[tuple[str, str], list[Doubt]]()
+    for doubt in doubts:
+        groups.setdefault((doubt.stage, kind_of(doubt)), []).append(doubt)
+    kinds = []
+    for (stage, _), places in groups.items():
+        x, y = (round(round(value, 2) / unit, 2) for value in (places[0].x, places[0].y))
+        area = round(sum(doubt.area_m2 for doubt in places), 1)
+        kinds.append(
+            {
+                "stage": stage,
+                "count": len(places),
+                "area_m2": area,
+                "reason": places[0].reason,
+                "x": x,
+                "y": y,
+            }
+        )
+    return {"count": len(doubts), "see": where, "kinds": sorted(kinds, key=lambda one: -one["area_m2"])}

@@ -190,7 +190,14 @@ class Run:
     def blur(self) -> float:
         """Standard deviation (m) of the smoothing that is undone; 0 where walls are sharp, or no colours tell
         roofs from relief."""
-        return self.facts.blur if self.coloured else 0.0
+        return (self.facts.blur or 0.0) if self.coloured else 0.0
+
+    @property
+    def sharpened(self) -> bool:
+        """True if walls that are not sharp are sharpened, or surfaces that are rough, too, smoothed, before
+        anything is decided."""
+        soft = self.coloured and self.facts.blur is not None
+        return soft and (self.blur > 0.0 or self.facts.rough > 0.0)
 
     @property
     def signs_buffer(self) -> float:

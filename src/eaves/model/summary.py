@@ -194,8 +194,8 @@ class Summary:
         if not doubts.get("count"):
             return []
         if doubts["see"]:
-            return [f"doubts: {doubts['count']:,}, see {doubts['see']}"]
-        largest = doubts["largest"][0]  # no file lists them
+            return [f"doubts: {doubts['count']:,} of {len(doubts['kinds'])} kinds, see {doubts['see']}"]
+        largest = doubts["kinds"][0]  # no file lists them
         return [
             f"doubts: {doubts['count']:,}, the largest at {largest['x']:.1f}, {largest['y']:.1f}: "
             + largest["reason"]

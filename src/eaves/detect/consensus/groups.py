@@ -30,6 +30,32 @@ def without_narrow_parts(building: Mask, evidence: Evidence, least: float) -> Ma
     return np.asarray(building & (near | ~broad[group]))
 
 
+def without_pores(building: Mask, surface: Labels, side: float, least: float) -> Mask:
+    """The building cells (H, W) with all gaps that one surface, by its number (H, W), 0 for none, surrounds,
+    and that are smaller than a square of a side `least` (m), or nowhere half as wide: what is seen through
+    membranes, meshes and glass.
+
+    `side` (m) is that of a cell; gaps are four-connected, so that chance joins few of them.
+    """
+    gap, count = ndimage.label(~building)
+    small = np.bincount(gap.ravel(), minlength=count + 1) * side**2 < least**2
+    narrow = np.ones(count + 1, bool)
+    narrow[gap[opened_by_square(~building, int(0.5 * least / side + 0.5))]] = False
+    small |= narrow
+    first, last = np.full(count + 1, np.iinfo(np.int32).max), np.zeros(count + 1, np.int32)
+    around = np.pad(np.where(building, surface, -1), 1)  # beyond the border there is no surface
+    rows, columns = np.nonzero((gap > 0) & small[gap])
+    number = gap[rows, columns]
+    for south in range(3):
+        for east in range(3):
+            beside = around[rows + south, columns + east]
+            known = beside >= 0
+            np.minimum.at(first, number[known], beside[known])
+            np.maximum.at(last, number[known], beside[known])
+    filled = (first == last) & (last > 0)
+    return np.asarray(building | filled[gap], np.bool_)
+
+
 def attached_share(evidence: Evidence, region: Labels, count: int, continues: float) -> Values:
     """Share (count + 1,) of the rim of each region 0…`count` of cells (H, W) where terrain continues it: a
     roof ends at a step, a rock does not.

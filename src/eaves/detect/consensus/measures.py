@@ -74,7 +74,8 @@ def learned(counts: Counts, alike: float) -> Separation:
         shares, likely = parts.sum(axis=1) / smooth.sum(), parts[0]
         middle, variance, _ = moments(MIDDLES, likely)
         spread = min(max(variance**0.5, LEAST_SPREAD), MOST_SPREAD)
-    others = moments(MIDDLES, smooth.sum() * (shares[1:] @ known))
+    mean, variance, _ = moments(MIDDLES, (shares[1:] + 1e-6) @ known)
+    others = mean, variance, float(counts[:2].sum())  # as many show what the others look like
     return separation((middle, spread**2, float(likely.sum())), others, alike)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from typing import ClassVar, Self
 
 import numpy as np
@@ -21,7 +23,7 @@ from eaves.detect.consensus.classifier import (
 )
 from eaves.detect.consensus.doubts import DoubtRules, object_doubts, region_doubts, unevenness_of, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
-from eaves.detect.consensus.groups import attached_share, without_narrow_parts
+from eaves.detect.consensus.groups import attached_share, without_narrow_parts, without_pores
 from eaves.detect.consensus.measures import (
     COLOURS,
     Counts,
@@ -196,7 +198,11 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
             weights = weights.of_colours()
         judged = evidence.candidate | voids[0]
         terms = measured_terms(evidence, segments, judged, most, weights, self, colours)
-        building, roof, odds = self.settle(evidence, segments, terms, weights, voids, emit)
+        # sharpened relief looks like roofs: where colours tell nothing, shape is no evidence
+        told = 1.0 if colours is None or self.kept == 1.0 else colours.trust
+        unsure = max(math.log(told or sys.float_info.min), -2.0 * self.most_log_ratio)
+        building, roof, odds = self.settle(evidence, segments, terms, weights, voids, unsure, emit)
+        building = without_pores(building, segments.label, evidence.cells.side, self.room)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
@@ -266,14 +272,16 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         terms: Terms,
         weights: Weights,
         voids: tuple[Mask, Mask],
+        unsure: float = 0.0,
         emit: Emit = ignore,
     ) -> tuple[Mask, Mask, Values]:
         """The building cells, those of roof surfaces, the log odds of the cells that were judged; (H, W)
-        each. `voids` are the roofs without points and their rims, as `find_roof_voids` says."""
-        emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
+        each. `voids` are the roofs without points and their rims, as `find_roof_voids` says; `unsure` is
+        added to all log odds."""
+        emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio) + unsure
         odds = np.r_[0.0, emitted][segments.label]
         roof = (odds > 0.0) | voids[0]
-        of_cells = cell_odds(terms.shape, terms.told, weights)
+        of_cells = cell_odds(terms.shape, terms.told, weights) + unsure
         odds[terms.cells] = np.where(terms.large[terms.cells], odds[terms.cells], of_cells)
         emit("odds", odds)
         sure = 2.0 * self.most_log_ratio  # both measures, at their most

@@ -56,7 +56,11 @@ class VehicleRules(Method):
         gt=0.0,
     )
     vehicle_flat: float = parameter(
-        MOST, "Share of a vehicle at that level; what is not as level has less.", ge=0.0, le=1.0
+        MOST,
+        "Share at that level of what rises over half of it, and share of this in all: where walls are soft "
+        "the middle of a narrow top alone is level.",
+        ge=0.0,
+        le=1.0,
     )
 
 
@@ -69,7 +73,9 @@ def find_vehicles(xyz: Points, height: Values, number: Labels, count: int, limit
     """
     inside = np.flatnonzero(number > 0)
     low = middle_of_groups(height[inside], number[inside], count)
-    level = inside[np.abs(height[inside] - low[number[inside]]) < limits.vehicle_level]
+    above = height[inside] - low[number[inside]]
+    level = inside[np.abs(above) < limits.vehicle_level]
+    raised = (above < limits.vehicle_level) & (above > -low[number[inside]] / 2)
     which = number[level]
     size = np.bincount(which, minlength=count)
 
@@ -82,7 +88,10 @@ def find_vehicles(xyz: Points, height: Values, number: Labels, count: int, limit
     length = np.sqrt(12 * (middle + spread))
     width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
     narrow = (width < limits.vehicle_width) & (length > limits.vehicle_length * width)
-    flat = size >= limits.vehicle_flat * np.bincount(number[inside], minlength=count)
+    body = np.bincount(number[inside[raised]], minlength=count)
+    flat = (size >= limits.vehicle_flat * body) & (
+        body >= limits.vehicle_flat * np.bincount(number[inside], minlength=count)
+    )
     return np.asarray(narrow & flat & (low < limits.vehicle_height) & (size > 0), np.bool_)
 
 
