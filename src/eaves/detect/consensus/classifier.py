@@ -310,11 +310,7 @@ def measured_terms(
     )
     of_cells = cell_shape(evidence, cells, company, enclosed, roofs, limits.enclosed, max_residual)
     # colours object to no glass, and smoothed crowns are even
-    even = (
-        (colours is None)
-        & (segments.area >= limits.even_area)
-        & (segments.residual <= limits.even_residual * max_residual)
-    )
+    even = (colours is None) & is_even(segments, max_residual, limits)
     several, through = evidence.multi_return_share[cells], evidence.penetration[cells]
     seen = np.flatnonzero(evidence.candidate[cells])
     inner = evidence.inner_share[cells], evidence.inner_penetration[cells]
@@ -334,6 +330,12 @@ def measured_terms(
             echoes, inner_echoes = (separate(value, likely) for value in values[::2])
         penetration, inner_penetration = (separate(value, likely) for value in values[1::2])
     return Terms(surface, cells, of_cells, Told(several, through, echoes, penetration, most), large)
+
+
+def is_even(segments: Segments, max_residual: float, limits: EvidenceRules) -> Mask:
+    """The surfaces (K,) that are large and even, as no crown is."""
+    even = segments.residual <= limits.even_residual * max_residual
+    return np.asarray(even & (segments.area >= limits.even_area), np.bool_)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:

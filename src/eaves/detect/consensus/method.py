@@ -16,6 +16,7 @@ from eaves.detect.consensus.classifier import (
     Terms,
     Weights,
     cell_odds,
+    is_even,
     measured_terms,
     read_weights,
     score_regions,
@@ -202,7 +203,9 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         told = 1.0 if colours is None or self.kept == 1.0 else colours.trust
         unsure = max(math.log(told or sys.float_info.min), -2.0 * self.most_log_ratio)
         building, roof, odds = self.settle(evidence, segments, terms, weights, voids, unsure, emit)
-        building = without_pores(building, segments.label, evidence.cells.side, self.room)
+        even = np.r_[False, is_even(segments, most, self)]  # in a crown a pore is no roof
+        surface = np.where(even[segments.label], segments.label, 0)
+        building = without_pores(building, surface, evidence.cells.side, self.room)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
