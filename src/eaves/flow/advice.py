@@ -252,11 +252,7 @@ class ScanFacts:
             "returns": self.returns,
             "split pulses": f"{self.split_share:.1%}",
             "roughness": "not measured" if self.roughness is None else f"{self.roughness:.3f} m",
-            "walls": f"smoothed by {self.blur:.2f} m"
-            if self.blur
-            else "sharp"
-            if self.blur is None
-            else "nearly sharp",
+            "walls": f"smoothed by {self.blur:.2f} m" if self.blur else "not smoothed",
             "colours": "yes" if self.colours else "no",
             "intensity": "yes" if self.intensity else "no",
             "classes": classes or "none",

@@ -244,9 +244,10 @@ class ContourGround(GroundMethod):
         surface = self.grid_surface(xyz, cell)
         emit("surface", surface)
         contours = self.draw_contours(surface)
-        on_terrain = [contour for contour in contours if self.on_terrain(contour, surface)]
+        lies = [self.on_terrain(contour, surface) for contour in contours]
+        on_terrain = [contour for contour, on in zip(contours, lies, strict=True) if on]
         emit(self.start, on_terrain)
-        emit("contours off terrain", [one for one in contours if not self.on_terrain(one, surface)])
+        emit("contours off terrain", [contour for contour, on in zip(contours, lies, strict=True) if not on])
         terrain = self.first_terrain(on_terrain, surface, xyz)
         emit("first terrain", terrain)
         terrain = self.refine(terrain, surface)

@@ -362,7 +362,7 @@ class Arrangement(ObjectLimits):
         fitted = planes_of_regions(roof, located, region, of_regions, 0.5 * self.residual_limit)
         cells = self.cells(footprint, roof, *fitted, spacing, ground, unseen, emit)
         if cells is not None:
-            (plan, reach, located, data), coefficients = cells, fitted[1]
+            (plan, reach, _, data), coefficients = cells, fitted[1]
         whole = plan.merged(label_cells(plan, reach, self, data))
         price, limit = self.plane_points, self.residual_limit
         settled = settle_corners(*whole, roof, coefficients, self, price, limit, reach.highest)

@@ -203,9 +203,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         told = 1.0 if colours is None or self.kept == 1.0 else colours.trust
         unsure = max(math.log(told or sys.float_info.min), -2.0 * self.most_log_ratio)
         building, roof, odds = self.settle(evidence, segments, terms, weights, voids, unsure, emit)
-        even = np.r_[False, is_even(segments, most, self)]  # in a crown a pore is no roof
-        surface = np.where(even[segments.label], segments.label, 0)
-        building = without_pores(building, surface, evidence.cells.side, self.room)
+        even = np.r_[False, is_even(segments, most, self)][segments.label]  # in a crown a pore is no roof
+        building = without_pores(building, even * segments.label, evidence.cells.side, self.room)
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
@@ -275,7 +274,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         terms: Terms,
         weights: Weights,
         voids: tuple[Mask, Mask],
-        unsure: float = 0.0,
+        unsure: float,
         emit: Emit = ignore,
     ) -> tuple[Mask, Mask, Values]:
         """The building cells, those of roof surfaces, the log odds of the cells that were judged; (H, W)

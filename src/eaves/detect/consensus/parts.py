@@ -73,9 +73,10 @@ def find_vehicles(xyz: Points, height: Values, number: Labels, count: int, limit
     """
     inside = np.flatnonzero(number > 0)
     low = middle_of_groups(height[inside], number[inside], count)
-    above = height[inside] - low[number[inside]]
+    middle_height = low[number[inside]]
+    above = height[inside] - middle_height
     level = inside[np.abs(above) < limits.vehicle_level]
-    raised = (above < limits.vehicle_level) & (above > -low[number[inside]] / 2)
+    raised = (above < limits.vehicle_level) & (above > -middle_height / 2)
     which = number[level]
     size = np.bincount(which, minlength=count)
 
@@ -89,9 +90,8 @@ def find_vehicles(xyz: Points, height: Values, number: Labels, count: int, limit
     width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
     narrow = (width < limits.vehicle_width) & (length > limits.vehicle_length * width)
     body = np.bincount(number[inside[raised]], minlength=count)
-    flat = (size >= limits.vehicle_flat * body) & (
-        body >= limits.vehicle_flat * np.bincount(number[inside], minlength=count)
-    )
+    every = np.bincount(number[inside], minlength=count)
+    flat = (size >= limits.vehicle_flat * body) & (body >= limits.vehicle_flat * every)
     return np.asarray(narrow & flat & (low < limits.vehicle_height) & (size > 0), np.bool_)
 
 
