@@ -12,19 +12,27 @@ from docs.method_pages import linked, split_sections
 from eaves.methods import REGISTRY, method_class
 
 TOPICS = {
-    "run": ("Whole runs", ("report", "flow", "pipeline", "recipe", "methods", "change", "solar")),
+    "run": ("Whole runs", ("report", "flow", "pipeline", "recipe", "methods", "change", "upkeep", "solar")),
     "points": ("Points and ground", ("ground", "raster")),
     "detection": ("Detection, outlines and units", ("detect", "outline", "units")),
     "between": ("Between the stages of a run", ("blocks", "buildings", "footprints", "figures")),
     "models": ("Roofs and solids", ("roof", "reconstruct")),
     "data": ("Data types", ("model",)),
-    "formats": ("Reading and writing", ("formats",)),
+    "formats": ("Reading and writing", ("formats", "exports")),
     "validation": ("Validating", ("validate",)),
     "evaluation": ("Evaluating", ("evaluate",)),
     "simulation": ("Simulating", ("simulate",)),
 }
 """Page → title, and the rooms of the package whose public names it lists."""
-HOMES = ("eaves", "eaves.model", "eaves.formats", "eaves.validate", "eaves.evaluate", "eaves.simulate")
+HOMES = (
+    "eaves",
+    "eaves.model",
+    "eaves.formats",
+    "eaves.exports",
+    "eaves.validate",
+    "eaves.evaluate",
+    "eaves.simulate",
+)
 """The modules with public names, which `__all__` lists; a name stands where it comes first."""
 
 INTRODUCTION = """# API by topic

@@ -18,9 +18,12 @@ from typing import Any, get_args, get_origin
 
 from typer.models import ArgumentInfo
 
-from eaves.cli import compute, results, time
+from eaves.change.command import compare
+from eaves.cli import compute, results
 from eaves.cli.options import with_signature
+from eaves.exports.command import export
 from eaves.methods import DEFAULTS, REGISTRY, Method, method_class
+from eaves.solar.command import solar
 
 PLUGIN = Path(__file__).parent / "eaves"
 FIXED_DATE = (1980, 1, 1, 0, 0, 0)
@@ -34,11 +37,11 @@ COMMANDS = {
 """The commands that are tools, with title and outputs."""
 ON_RESULTS = {
     "validate": (results.validate, "Validate results", []),
-    "export": (results.export, "Export results", ["CONTOURS"]),
-    "solar": (results.solar, "Sunlight on roofs", ["SOLAR"]),
-    "compare": (time.compare, "Compare two epochs", ["CHANGE"]),
+    "export": (export, "Export results", ["CONTOURS"]),
+    "solar": (solar, "Sunlight on roofs", ["SOLAR"]),
+    "compare": (compare, "Compare two epochs", ["CHANGE"]),
     "update": (
-        time.update,
+        compute.update,
         "Update results with new points",
         ["FOOTPRINTS", "ROOF_PLANES", "MODELS", "PROJECT"],
     ),

@@ -11,7 +11,6 @@ from .buildings.owned import draw_outlines as draw_outlines
 from .buildings.owned import select_roof as select_roof
 from .buildings.owned import trace_buildings as trace_buildings
 from .change.compare import compare as compare
-from .change.upkeep.update import update as update
 from .detect import Detector as Detector
 from .detect import detect_buildings as detect_buildings
 from .detect.consensus import Consensus as Consensus
@@ -83,6 +82,7 @@ from .roof.tin_faces import TinFaces as TinFaces
 from .units import UnitMethod as UnitMethod
 from .units import divide_block as divide_block
 from .units.row_walls import RowWalls as RowWalls
+from .upkeep.update import update as update
 from .validate import validate_file as validate_file
 from .validate import validate_model as validate_model
 

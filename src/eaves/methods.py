@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import cache
-from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from eaves.extensions import METHODS, imported, installed
 from eaves.model.checks import describe
 
 Emit = Callable[[str, Any], None]
@@ -279,8 +278,6 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "reconstruct": ("eaves.reconstruct:Reconstructor", "model"),
 }
 """Stage → where its contract is, and the functions that a method must define."""
-GROUP = "eaves.methods"
-"""The group of entry points by which installed packages bring methods, each as `stage.name`."""
 
 
 class ContractError(TypeError):
@@ -393,7 +390,7 @@ def check_contract(stage: str, cls: type[Any]) -> None:
     >>> check_contract("detect", eaves.Consensus)
     """
     place, *functions = CONTRACTS[stage]
-    contract = _imported(place)
+    contract = imported(place)
     method = f"{stage} method {getattr(cls, '__qualname__', cls)}"
     if not (isinstance(cls, type) and issubclass(cls, contract)):
         raise ContractError(f"{method} must be a subclass of {contract.__name__}; see {place}")
@@ -407,20 +404,8 @@ def check_contract(stage: str, cls: type[Any]) -> None:
             f"{method} needs {', '.join(cls.needs)}, which only ground and detect methods are given"
         )
     ours = REGISTRY[stage].get(cls.name)
-    if ours is not None and _imported(ours) is not cls:
+    if ours is not None and imported(ours) is not cls:
         raise ContractError(f"{method} has the name of another, '{cls.name}'; give it one of its own")
-
-
-def _imported(place: str) -> Any:
-    """The object at `module:name`; a ValueError of one line where it cannot be imported."""
-    module, _, name = place.partition(":")
-    try:
-        return getattr(import_module(module), name)
-    except Exception as error:  # whatever a module raises as it is imported
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(
-            f"{place!r} cannot be imported ({reason}); write module:Class of a module on Python's path"
-        ) from error
 
 
 def installed_methods(stage: str) -> dict[str, str]:
@@ -447,15 +432,8 @@ def installed_methods(stage: str) -> dict[str, str]:
     >>> sorted(installed_methods("roof"))
     []
     """
-    places: dict[str, str] = {}
-    for point in entry_points(group=GROUP):
-        of, _, name = point.name.partition(".")
-        if of == stage and places.setdefault(name, point.value) != point.value:
-            raise ValueError(
-                f"{stage} method {name!r} is in two packages, as {places[name]} and {point.value}; "
-                "write module:Class, or uninstall one"
-            )
-    return places
+    names = {name.partition("."): place for name, place in installed(METHODS).items()}
+    return {name: place for (of, _, name), place in names.items() if of == stage}
 
 
 def method_class(stage: str, name: str) -> type[Method]:
@@ -495,7 +473,7 @@ def method_class(stage: str, name: str) -> type[Method]:
     if place is None:
         names = ", ".join({**ours, **installed_methods(stage)})
         raise ValueError(f"unknown {stage} method {name!r}; choose one of: {names}")
-    cls: type[Method] = _imported(place)
+    cls: type[Method] = imported(place)
     check_contract(stage, cls)
     return cls
 

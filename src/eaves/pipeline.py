@@ -29,7 +29,7 @@ from eaves.flow.results import ModelledBuildings
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.flow.step import Region
 from eaves.flow.tiles import WHOLE, Area, areas, leave
-from eaves.formats.atomic import clear_leftovers, report_full_disk
+from eaves.formats.whole_files import clear_leftovers, report_full_disk
 from eaves.model import Block
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe

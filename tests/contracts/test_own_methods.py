@@ -24,7 +24,6 @@ from tests.test_documentation import DOCS
 from tests.test_guides import write_methods
 
 import eaves
-from eaves.change.upkeep.kept import open_again
 from eaves.detect import Detector
 from eaves.flow.run import open_run
 from eaves.flow.steps import STEPS
@@ -37,6 +36,7 @@ from eaves.roof import RoofMethod
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.testing import check_method
 from eaves.units.stage import Division
+from eaves.upkeep.kept import open_again
 
 STAGES = {
     "ground": "LowestInCell",

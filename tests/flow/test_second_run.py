@@ -16,13 +16,13 @@ import pytest
 
 import eaves
 from eaves import IncompleteRunError, InputError, Summary
-from eaves.change.edits import read_edits
-from eaves.change.upkeep.update import update
-from eaves.flow.exports import export_run
+from eaves.exports import export_run
 from eaves.model import CoordinateSystem
 from eaves.pipeline import build
 from eaves.run.manifest import check_folder
 from eaves.run.options import RunOptions
+from eaves.upkeep.edits import read_edits
+from eaves.upkeep.update import update
 from tests.conftest import write_laz
 
 

@@ -15,8 +15,6 @@ import pytest
 
 import eaves
 from eaves.buildings.building_file import as_found
-from eaves.change.edits import FLAT_ROOF, Edit
-from eaves.change.upkeep.corrected import correct, outlines_in
 from eaves.flow.region import bring_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
 from eaves.flow.step import Input, Region, Step, bring, home_of
@@ -27,6 +25,8 @@ from eaves.reconstruct.overhangs import OverhangRules
 from eaves.run.keys import Sources, package_sources
 from eaves.run.part_file import PartFile
 from eaves.run.workers import Outcome, Workers
+from eaves.upkeep.corrected import correct, outlines_in
+from eaves.upkeep.edits import FLAT_ROOF, Edit
 
 PACKAGE = Path(eaves.__file__).parent
 SIDE = 60.0

@@ -14,7 +14,7 @@ import pytest
 
 import eaves
 from eaves.flow import run
-from eaves.flow.exports import classified_name
+from eaves.flow.formats import classified_name
 from eaves.flow.run import open_run
 from eaves.formats import InputError
 from eaves.pipeline import build

@@ -17,15 +17,15 @@ from tests.conftest import build_in_blocks
 
 from eaves import pipeline
 from eaves.buildings.building_file import Kept
-from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit
-from eaves.change.upkeep.corrected import correct, outlines_in
-from eaves.change.upkeep.update import update
 from eaves.flow.step import Region
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, CoordinateSystem
 from eaves.model.summary import IncompleteRunError
 from eaves.run.manifest import check_folder, read_facts
 from eaves.simulate.objects.roofs import ExactScene
+from eaves.upkeep.corrected import correct, outlines_in
+from eaves.upkeep.edits import FLAT_ROOF, NO_BUILDING, Edit
+from eaves.upkeep.update import update
 
 SIDE = 60.0
 build = partial(build_in_blocks, SIDE, outputs=("footprints", "models", "rasters", "mask"))

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import eaves
-from eaves import formats, pipeline
+from eaves import exports, pipeline
 from eaves.buildings import building_file
 from eaves.formats.points import laz
 from eaves.model import BuildingModel, Footprint
@@ -69,14 +69,14 @@ def test_a_house_is_modelled_in_few_calls(nine_roofs: ExactScene) -> None:
 
 @pytest.mark.parametrize("name", WRITING)
 def test_a_house_is_written_in_few_calls(name: str, nine_roofs: ExactScene, tmp_path: Path) -> None:
-    write = getattr(formats, f"write_{name}")
+    write = getattr(exports, f"write_{name}")
     models = [truth.model(nine_roofs.cloud.origin) for truth in nine_roofs.buildings]
     assert calls_of(lambda: write(tmp_path / name, models)) <= len(models) * WRITING[name]
 
 
 def test_an_export_of_models_imports_no_reader_of_points() -> None:
     script = (
-        "import sys; from eaves.flow import exports; print({'laspy', 'scipy', 'rasterio'} & {*sys.modules})"
+        "import sys; from eaves.flow import formats; print({'laspy', 'scipy', 'rasterio'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"

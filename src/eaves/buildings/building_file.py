@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.figures.rows import BuildingRow
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED

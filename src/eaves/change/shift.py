@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.flow.advice import FEWEST
+from eaves.flow import FEWEST
 from eaves.model import Values
 
 TRIM = 3.0

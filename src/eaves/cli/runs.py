@@ -72,7 +72,7 @@ def report_aborts() -> None:
 
 def report_error(error: Exception) -> int:
     """Print in one line what went wrong; the exit status. Unforeseen errors are raised again."""
-    from eaves.formats.atomic import DiskFullError
+    from eaves.formats.whole_files import DiskFullError
 
     status, line = MISUSE, " ".join(str(error).split())
     # a wrong option; typer contains its own click, so its classes have no fixed name
@@ -297,6 +297,14 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
         logging.getLogger().handlers[:] = logging.getLogger().handlers or [logging.NullHandler()]
     logger.setLevel(level)
     logging.getLogger("eaves.kernels").setLevel(logging.ERROR)  # `run_display` says it
+
+
+def start_run_log(quiet: bool, verbose: bool) -> None:
+    """Start the log, and import libraries without what they bring along, which would double the start."""
+    from eaves.run.workers import import_libraries_alone
+
+    import_libraries_alone()
+    start_log(quiet, verbose)
 
 
 @contextmanager

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from eaves.blocks.block_file import BlockFile
 from eaves.buildings.building_file import Kept, read_numbers
-from eaves.flow.exports import classified_name
+from eaves.flow.formats import classified_name
 from eaves.flow.run import Run
 from eaves.formats import InputError, write_classified
-from eaves.formats.atomic import atomic
-from eaves.formats.fingerprint import refuse_change
+from eaves.formats.inputs import refuse_change
 from eaves.formats.points.classified import SUPERSEDED, UNCHANGED
+from eaves.formats.whole_files import atomic
 from eaves.model import BLOCK_SIDE, BUILDING, Block, Provenance
 from eaves.run.index import Index
 from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS

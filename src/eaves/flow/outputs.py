@@ -30,7 +30,7 @@ from eaves.figures.party_walls import (
 from eaves.figures.rows import primitive_rows
 from eaves.figures.trust import judge
 from eaves.flow.advice import feet_remark
-from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
+from eaves.flow.formats import export_content, export_footprints, export_points, noted_failure
 from eaves.flow.review import (
     HOUSES,
     LAYER,
@@ -160,7 +160,7 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
         files = [folder / "buildings.city.jsonl"]
         outcomes = results.answers()
         write_cityjson_seq(files[0], outcomes, system, provenance=made_from, translate=run.translate)
-        files += export_table(folder, MODEL_FILES, results.answers, system, formats, made_from, failed)
+        files += export_content(folder, "models", results.answers, system, formats, made_from, failed)
         return Written(files, None, failed)
     if step == "mask":
         from eaves.flow.rasters import write_run_mask

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 from eaves.detect.given_classes import GivenClasses
-from eaves.flow.exports import COPC, FOOTPRINT_FILES
+from eaves.flow.formats import memory_of_points
 from eaves.footprints.read import box_text
 from eaves.formats import InputError
 from eaves.formats.points.source import check_fields
@@ -48,8 +48,6 @@ COPIED_POINTS = 200_000_000
 """Inputs of more points are decompressed a second time: copies of their records would fill the disk."""
 COPIED_BYTES = 20
 """Of the shortest record of a LAS file."""
-COPC_BYTES = 60
-"""Of memory for a point of a COPC file that is written."""
 ANYWAY = "or add --allow-empty"
 
 
@@ -172,7 +170,7 @@ def refuse_full_disk(run: Run) -> None:
 
 
 def refuse_small_memory(run: Run) -> None:
-    """Check that the points of the largest file fit into memory where they are to be COPC.
+    """Check that the points of the largest file fit into memory where formats of points need them there.
 
     Raises
     ------
@@ -181,13 +179,13 @@ def refuse_small_memory(run: Run) -> None:
     """
     largest = int(run.index.entries["count"].argmax())
     count, memory = run.index.count(largest), run.memory or physical_memory()
-    as_copc = COPC in run.options["formats"] and not run.by_tiles and run.window == Window()
-    if as_copc and count * COPC_BYTES > memory:
+    name, size = memory_of_points(run.options["formats"])
+    if count * size > memory and not run.by_tiles and run.window == Window():
         raise InputError.about(
             run.index.path(largest),
-            f"its {count:,} points as COPC take {count * COPC_BYTES / 1e6:,.1f} MB of memory, and there are "
+            f"its {count:,} points as {name} take {count * size / 1e6:,.1f} MB of memory, and there are "
             f"{memory / 1e6:,.1f}",
-            "cut it into tiles, or leave copc out of --formats",
+            f"cut it into tiles, or leave {name} out of --formats",
         )
 
 
@@ -257,9 +255,8 @@ def refuse_collisions(
     for path in inputs:  # a symbolic link, or another name of the same folder
         if os.path.islink(path) and is_same_place(os.path.dirname(os.path.realpath(path)), folder):
             raise InputError.about(path, f"leads into the output folder {folder}", ELSEWHERE)
-    written = [LAYER, *(file for _, file in FOOTPRINT_FILES.values())]
     for path in polygons:
-        if any(is_same_place(path, folder / name) for name in written):
+        if is_same_place(os.path.dirname(path), folder) and Path(path).stem == Path(LAYER).stem:
             raise InputError.about(path, "would be overwritten by the footprints of this run", ELSEWHERE)
 
 

@@ -36,7 +36,7 @@ from eaves.flow.tiles import (
     let_go,
     squares_of_area,
 )
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 from eaves.model import GRID_STEP, Block
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import NAMED, key_of

@@ -18,7 +18,13 @@ from shapely.geometry.base import BaseGeometry
 
 import eaves
 from eaves.flow.advice import ScanFacts, scan_facts
-from eaves.flow.exports import COPC, TILES, check_formats, classified_name, planned_names
+from eaves.flow.formats import (
+    TILES,
+    check_formats,
+    classified_name,
+    copies_of_points,
+    planned_names,
+)
 from eaves.flow.refusals import (
     EDITS,
     refuse_collisions,
@@ -44,7 +50,7 @@ from eaves.footprints.read import (
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
-from eaves.formats.errors import require_extra
+from eaves.formats.errors import require_plots
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.converted import remarks_on
 from eaves.formats.points.las_header import LasHeader
@@ -289,7 +295,7 @@ def plan_run(
     parse_memory(options["memory"])
     check_formats(options["formats"], options["outputs"])
     if options["steps"]:
-        require_extra("plots")
+        require_plots()
     folder = Path(out)
     polygons = {name: Path(str(path)) for name in POLYGONS if (path := options[name]) is not None}
     asked: Any = options["bounds"]
@@ -500,7 +506,7 @@ def planned_files(index: Index, options: RunOptions) -> set[str]:
     classified = "classified" in options["outputs"] and not by_tiles
     for number in range(len(index)) if classified else ():
         name = classified_name(index.path(number), len(index) == 1, names)
-        planned |= {name, str(Path(name).with_suffix(".copc.laz"))} if COPC in options["formats"] else {name}
+        planned |= {name, *map(str, copies_of_points(Path(name), options["formats"]))}
     return planned
 
 

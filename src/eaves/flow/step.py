@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from eaves.blocks.seams import Heights
 from eaves.flow.run import Progress, Run, no_progress
 from eaves.formats import InputError
-from eaves.formats.atomic import DiskFullError
+from eaves.formats.whole_files import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.clock import Budget
 from eaves.run.keys import Sources, key_of, modules_of, package_sources

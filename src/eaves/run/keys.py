@@ -27,7 +27,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 from eaves.methods import Method
 
 PACKAGE = "eaves"

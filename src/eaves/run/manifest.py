@@ -18,7 +18,7 @@ from typing import Any
 
 import eaves
 from eaves.formats import InputError
-from eaves.formats.atomic import atomic, clear_leftovers
+from eaves.formats.whole_files import atomic, clear_leftovers
 
 log = logging.getLogger("eaves")
 

@@ -25,6 +25,8 @@ from eaves.model import LODS, Bounds
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
 """The outputs there are; see `eaves.flow.outputs`, and `eaves.report` for the last."""
+BROUGHT = ", and those of installed packages"
+"""Of a sentence, in place of names that the command line lists."""
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
 POLYGONS: tuple[Literal["clip", "footprints", "party_walls"], ...] = ("clip", "footprints", "party_walls")
 """The options that name a file of polygons."""
@@ -270,8 +272,7 @@ class RunOptions(TypedDict, total=False):
     formats: Annotated[
         Names,
         Option(
-            "Additional formats: gpkg, citygml, citygml3, cityjson, obj, glb, 3dtiles, dxf, geojson, fgb, "
-            "parquet, kml, ifc, copc.",
+            f"Additional formats: cityjson, geojson, fgb, parquet{BROUGHT}.",
             (),
             again=True,
             panel="output",

@@ -25,7 +25,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 
 TIMES = {cls.__name__: cls for cls in (datetime, date, time)}
 MARK = "~"

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import Chunk, InputError, Source, iter_chunks
-from eaves.formats.atomic import atomic
-from eaves.formats.fingerprint import refuse_change
+from eaves.formats.inputs import refuse_change
+from eaves.formats.whole_files import atomic
 from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block, Bounds, Points
 from eaves.model.cloud import canonical_order

@@ -24,8 +24,8 @@ from typing import Any, Self, TypeVar
 
 import numpy
 
-from eaves.formats.atomic import is_full
 from eaves.formats.errors import INSTALL
+from eaves.formats.whole_files import is_full
 from eaves.model.checks import error_line
 from eaves.run.memory import REMEDY, collect_rarely, limit_memory, share_memory
 
