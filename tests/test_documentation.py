@@ -18,7 +18,7 @@ from pyproj import CRS
 
 from eaves.cli.app import make_app
 from eaves.pipeline import build
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 from tests.contracts.test_public_docstrings import PUBLIC
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -187,7 +187,7 @@ def test_a_command_as_printed_is_one_that_is_understood(line: str) -> None:
         assert not context.args, f"left over: {context.args}"
 
 
-PAGES_OF_SOURCES = ["README", *SOURCES]
+PAGES_OF_SOURCES = ["README", *sources()]
 NO_FIGURE = (
     r"<!-- (?:figures|steps) -->.*?<!-- end -->|^## Steps$.*?^## ",  # made from tables; the paper's numbers
     r'"[^"]*"|`[^`]*`|^#.*?$',  # what the paper says, parameters and commands, headings
@@ -217,7 +217,7 @@ def test_a_figure_that_is_no_cell_is_refused__and_one_of_another_value_is_replac
         source_page(figure.format("0.751", "two"), "one", tmp_path)
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", sources())
 def test_most_steps_of_a_source_do_good(source: str) -> None:
     """A step may do harm when its paper has it; its page has all of them with their figures."""
     table = rows_of(newest(DOCS.parent / "benchmarks" / "results", "sources-ablation"))
@@ -230,14 +230,14 @@ def test_most_steps_of_a_source_do_good(source: str) -> None:
 SHAPE = ["Steps", "Deviations", "Pictures", "Figures", "What each step is worth", "Claims", "Misses"]
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", sources())
 def test_the_pages_of_sources_are_of_one_shape(source: str) -> None:
     page = (DOCS / "sources" / f"{source}.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (.*)$", page, re.MULTILINE) == SHAPE
     assert page.count("<!-- end -->") == 2
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", sources())
 def test_each_step_of_a_source_names_the_function_that_does_it(source: str) -> None:
     page = DOCS / "sources" / f"{source}.md"
     table = page.read_text(encoding="utf-8").split("where in the code |")[1].split("\n\n")[0].splitlines()[2:]

@@ -28,10 +28,10 @@ from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.contours import ContourGround
-from eaves.ground.smooth_region import SmoothRegion
 from eaves.ground.toolkit.doubts import doubts_within
 from eaves.model import Mask, PointCloud, Points
+from eaves.published.ren_fcs.ground import ContourGround
+from eaves.published.xiao2014.smooth_region import SmoothRegion
 from eaves.raster.grid import cell_centres, whole_cells
 from eaves.raster.surfaces import make_dtm
 from eaves.simulate.scanner import scan_town

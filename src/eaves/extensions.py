@@ -1,4 +1,4 @@
-"""What installed packages bring, by entry points: methods, formats, commands, checks of an installation.
+"""What installed packages bring, by entry points: methods, published systems, formats, commands, checks.
 
 The satellites of this distribution (`exports`, `change`, `solar`, `evaluate`, `simulate`) are brought the
 same way, and nothing of the core names them.
@@ -6,11 +6,14 @@ same way, and nothing of the core names them.
 
 from __future__ import annotations
 
+import sys
+from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
-METHODS, FORMATS, COMMANDS, CHECKS = "eaves.methods", "eaves.formats", "eaves.commands", "eaves.checks"
+METHODS, SOURCES = "eaves.methods", "eaves.sources"
+FORMATS, COMMANDS, CHECKS = "eaves.formats", "eaves.commands", "eaves.checks"
 """The groups of entry points."""
 
 
@@ -20,7 +23,8 @@ def installed(group: str) -> dict[str, str]:
     Parameters
     ----------
     group : str
-        `eaves.methods` (names `stage.name`), `eaves.formats`, `eaves.commands` or `eaves.checks`.
+        `eaves.methods` (names `stage.name`), `eaves.sources`, `eaves.formats`, `eaves.commands` or
+        `eaves.checks`.
 
     Returns
     -------
@@ -38,6 +42,11 @@ def installed(group: str) -> dict[str, str]:
     >>> "solar" in installed("eaves.commands")
     True
     """
+    return dict(_installed(group, tuple(sys.path)))
+
+
+@lru_cache
+def _installed(group: str, path: tuple[str, ...]) -> dict[str, str]:
     places: dict[str, str] = {}
     for point in sorted(entry_points(group=group), key=lambda point: point.name):
         if places.setdefault(point.name, point.value) != point.value:

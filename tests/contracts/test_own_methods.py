@@ -125,7 +125,7 @@ NO_METHODS: dict[str, tuple[Any, str]] = {
     ),
     "no such class": ("json:High", "cannot be imported .AttributeError"),
     "a method of roofs": (
-        "eaves.roof.tin_faces:TinFaces",
+        "eaves.published.maas_vosselman.tin_faces:TinFaces",
         "detect method TinFaces must be a subclass of Detec",
     ),
     "without a name": (

@@ -15,7 +15,7 @@ PACKAGE = ROOT / "src" / "eaves"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
 TOP = LAYERS[: LAYERS.index("cli")]
-SATELLITES = sorted({name.strip() for layer in TOP for name in layer.split("|")})
+SATELLITES = sorted({name.strip() for layer in TOP for name in layer.split("|")} - {"published"})
 
 
 def public_names(package: str) -> set[str]:

@@ -80,7 +80,7 @@ def test_a_line_of_its_code_changes_the_key_of_a_step_and_of_those_that_run_it(
     ("module", "methods", "step"),
     [
         ("ground/adaptive_tin/method.py", {}, "ground"),
-        ("detect/normal_echo.py", {"detect": "normal_echo"}, "regions"),
+        ("published/xiao2014/normal_echo.py", {"detect": "normal_echo"}, "regions"),
         ("reconstruct/prism.py", {"reconstruct": "prism"}, "buildings"),
     ],
 )

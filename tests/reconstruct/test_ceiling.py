@@ -13,7 +13,7 @@ from benchmarks.accuracy.unshown_houses import GROUND, PARTS, ROOFS, draw_house
 from eaves import RoofPlane, reconstruct_building, segment_roof
 from eaves.figures.trust import judge
 from eaves.geometry.face_table import FaceTable
-from eaves.methods import REGISTRY
+from eaves.methods import methods_of
 from eaves.model import ROOF_SURFACE, BuildingModel, Footprint, Points
 from eaves.reconstruct import add_overhangs
 from eaves.reconstruct.toolkit.ceiling import height_over_points
@@ -47,7 +47,7 @@ def models(method: str) -> list[tuple[BuildingModel, Points]]:
     return found
 
 
-@pytest.mark.parametrize("method", REGISTRY["reconstruct"])
+@pytest.mark.parametrize("method", methods_of("reconstruct"))
 def test_roof_over_its_points_is_never_silent(method: str) -> None:
     over = 0
     for model, points in models(method):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eaves.model import Failure
+from eaves.published.xiao2014.plane_intersection import PlaneIntersection
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.plane_intersection import PlaneIntersection
 from eaves.reconstruct.prism import Prism
 from eaves.validate.models import validate_model
 

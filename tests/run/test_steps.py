@@ -12,13 +12,13 @@ from tests.conftest import build_in_blocks, write_laz
 
 import eaves
 from eaves.flow.intermediates import StepMaps, lines_of, split_parts
-from eaves.ground.contours import Contour
 from eaves.methods import resolve_method
 from eaves.model import Bounds, Raster
 from eaves.outline.alpha_shape import AlphaShape
+from eaves.raster.contours import Contour
 from eaves.raster.grid import empty_raster
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 from eaves.simulate.objects.roofs import ExactScene
 
 FIRST = {
@@ -30,13 +30,13 @@ FIRST = {
 }
 
 
-@pytest.mark.parametrize("source", sorted(SOURCES))
+@pytest.mark.parametrize("source", sorted(sources()))
 def test_each_step_of_a_source_is_a_map(source: str, nine_roofs_file: Path, tmp_path: Path) -> None:
     summary = eaves.build(nine_roofs_file, tmp_path, source=source, steps=True, outputs=("footprints",))
     maps = sorted((tmp_path / "steps").glob("*/*.tif"))
     titles = [path.stem.split("_", 1)[1] for path in maps]
     assert {*FIRST[source].split(), "ground_classes", "detect_regions"} <= set(titles)
-    assert {title.split("_")[0] for title in titles} <= set(SOURCES[source].methods)
+    assert {title.split("_")[0] for title in titles} <= set(sources()[source].methods)
     assert [path.stem for path in (tmp_path / "steps").glob("*.png")] == [maps[0].parent.name]
     for path in maps:
         with rasterio.open(path) as image:

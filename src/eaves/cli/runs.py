@@ -335,9 +335,9 @@ def progress_display(quiet: bool, compiling: bool = False) -> Any:
 
 def describe_sources() -> Iterator[str]:
     """Lines on every published system: what it delivers, its paper, and the command that runs it."""
-    from eaves.recipe.sources import SOURCES
+    from eaves.recipe.sources import sources
 
-    for source in SOURCES.values():
+    for source in sources().values():
         yield f"{source.name}: {source.delivers}"
         yield f"  {source.title} [{source.paper}]"
         yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
@@ -346,20 +346,20 @@ def describe_sources() -> Iterator[str]:
 
 def describe_methods(stage: str | None) -> Iterator[str]:
     """Lines on every method, or on those of one stage with their parameters."""
-    from eaves.methods import DEFAULTS, REGISTRY, ContractError, installed_methods, method_class
+    from eaves.methods import DEFAULTS, REGISTRY, ContractError, method_class, methods_of
 
     if stage is not None and stage not in REGISTRY:
         raise ValueError(f"unknown stage '{stage}'; choose one of: {', '.join(REGISTRY)}")
     for name in [stage] if stage else list(REGISTRY):
         yield name
-        for method, place in {**REGISTRY[name], **installed_methods(name)}.items():
+        for method, place in methods_of(name).items():
             try:
                 cls = method_class(name, method)
             except (ValueError, ContractError) as error:
                 yield f"  {method}: {error}"
                 continue
             mark = " (default)" if DEFAULTS[name] == method else ""
-            source = cls.paper if method in REGISTRY[name] else place
+            source = cls.paper or place
             yield f"  {method}{mark}: {cls.idea} [{source}]"
             for key, field in cls.model_fields.items() if stage else ():
                 extra: Any = field.json_schema_extra or {}

@@ -109,7 +109,7 @@ def write_contours(folder: Path, interval: float) -> Path:
         When the interval is not above 0.
     """
     from eaves.formats import read_raster
-    from eaves.ground import trace_contours
+    from eaves.raster import trace_contours
 
     check_positive(interval, "--contours")
     read_manifest(folder)

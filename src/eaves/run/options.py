@@ -134,8 +134,7 @@ class RunOptions(TypedDict, total=False):
     source: Annotated[
         str | None,
         Option(
-            "Run a complete published system: chen_sun, xiao2014, ren_fcs, roof_attributes or "
-            "maas_vosselman.",
+            "Run a complete published system; `eaves methods --sources` lists them.",
             panel="methods",
         ),
     ]

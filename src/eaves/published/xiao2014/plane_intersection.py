@@ -81,14 +81,16 @@ class PlaneIntersection(LineReconstructor):
         top = seen_points[1]
         roof = points[top]
         if not planes:
-            return Failure("no_plane", "no roof plane was found among the points", self.stage, footprint)
+            return Failure("no_plane", "no roof plane was found among the points", "reconstruct", footprint)
         spacing = measure_spacing(roof)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
         lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing, self)
         emit("lines", extend(lines, footprint.polygon, self.extension))
         plan = arrange(footprint.polygon, extend(lines, footprint.polygon, self.extension))
         if plan is None:
-            return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
+            return Failure(
+                "no_area", "the footprint encloses no area wider than 3 cm", "reconstruct", footprint
+            )
         plan, chosen = plan.merged(vote(plan, roof, labels, len(coefficients)))
         emit("plan", plan.polygons())
         return raise_polyhedron(plan, chosen, coefficients, points, seen_points, footprint, ground, self)

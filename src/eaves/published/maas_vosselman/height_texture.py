@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.contours import filled
 from eaves.detect.toolkit.surface_grid import (
     GROUP_M2,
     SurfaceDetector,
@@ -19,6 +18,7 @@ from eaves.detect.toolkit.surface_grid import (
 )
 from eaves.methods import Emit, parameter
 from eaves.model import Labels, Mask, Scene, Values
+from eaves.published.ren_fcs.detection import filled
 from eaves.raster.groups import opened_by_square
 
 TEXTURE_OF_ERROR = 1.4

@@ -19,7 +19,7 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Mask, Points, RoofPlane, Solid
 from eaves.model.cloud import canonical_order
-from eaves.reconstruct.moments.building import (
+from eaves.published.maas_vosselman.moments.building import (
     FEWEST_POINTS,
     LEAST_NOISE,
     ParametricBuilding,
@@ -27,8 +27,8 @@ from eaves.reconstruct.moments.building import (
     fit_building,
     squared_up,
 )
-from eaves.reconstruct.moments.invariants import Rectangle
-from eaves.reconstruct.moments.parametric_roof import (
+from eaves.published.maas_vosselman.moments.invariants import Rectangle
+from eaves.published.maas_vosselman.moments.parametric_roof import (
     ANGLE,
     CUT,
     END_SLOPE,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eaves.detect import detect_buildings
-from eaves.detect.planar_patches import PlanarPatches, merge_mutually
 from eaves.detect.toolkit.cells import Cells, side_near
 from eaves.geometry.planes import sums_of
+from eaves.published.chen_sun.planar_patches import PlanarPatches, merge_mutually
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 

@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.contours import filled
 from eaves.detect.toolkit.surface_grid import (
     GROUP_M2,
     RIM_M,
@@ -22,6 +21,7 @@ from eaves.detect.toolkit.surface_grid import (
 )
 from eaves.methods import Emit, parameter
 from eaves.model import Labels, Mask, Scene, Values
+from eaves.published.ren_fcs.detection import filled
 
 ANGLE_OF_ERROR = 1.65
 """Two slopes of independent errors differ by less than this many of one in three of four cases."""

@@ -14,14 +14,14 @@ from eaves.geometry.tin import Tin, areas_and_radii
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.model import Failure, Mask, Points, Values
-from eaves.reconstruct.moments.invariants import (
+from eaves.published.maas_vosselman.moments.invariants import (
     ClosedForm,
     Rectangle,
     border_growth,
     closed_forms,
     surface_moments,
 )
-from eaves.reconstruct.moments.parametric_roof import (
+from eaves.published.maas_vosselman.moments.parametric_roof import (
     ACROSS,
     ALONG,
     ANGLE,

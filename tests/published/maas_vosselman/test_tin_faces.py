@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eaves.published.maas_vosselman.tin_faces import TinFaces, peak_of
 from eaves.roof import segment_roof
-from eaves.roof.tin_faces import TinFaces, peak_of
 
 
 def test_peak_is_the_mean_of_the_fullest_cells() -> None:

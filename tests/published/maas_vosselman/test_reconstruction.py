@@ -9,11 +9,11 @@ from shapely import Polygon
 
 from eaves.figures.attributes import surface_heights
 from eaves.model import BuildingModel, Footprint, Points
+from eaves.published.maas_vosselman.moments import Moments
+from eaves.published.maas_vosselman.reconstruction import MaasVosselman, cut_plan, fill_of
+from eaves.published.maas_vosselman.tin_faces import TinFaces
 from eaves.reconstruct import reconstruct_building
-from eaves.reconstruct.maas_vosselman import MaasVosselman, cut_plan, fill_of
-from eaves.reconstruct.moments import Moments
 from eaves.roof import segment_roof
-from eaves.roof.tin_faces import TinFaces
 from eaves.validate import validate_model
 
 L_SHAPE = Polygon([(0, 0), (20, 0), (20, 8), (8, 8), (8, 20), (0, 20)])

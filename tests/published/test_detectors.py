@@ -9,16 +9,16 @@ import pytest
 
 from eaves.detect import Detector, detect_buildings
 from eaves.detect.consensus import Consensus
-from eaves.detect.contours import Contours, quadratic_gradient, sobel_height
-from eaves.detect.height_texture import HeightTexture, local_texture
-from eaves.detect.normal_echo import NormalEcho
-from eaves.detect.planar_patches import PlanarPatches
-from eaves.detect.roof_attributes import RoofAttributes, micro_normals, roughness
 from eaves.detect.toolkit.surface_grid import grow_back, nearest_surface, opened_by_area, share_around
 from eaves.geometry.planes import local_planes
 from eaves.model.scene import NOISE, TREE, WALL
+from eaves.published.chen_sun.planar_patches import PlanarPatches
+from eaves.published.maas_vosselman.height_texture import HeightTexture, local_texture
+from eaves.published.ren_fcs.detection import Contours, quadratic_gradient, sobel_height
+from eaves.published.roof_attributes.detection import RoofAttributes, micro_normals, roughness
+from eaves.published.xiao2014.normal_echo import NormalEcho
 from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 EVERY: list[type[Detector]] = [Contours, RoofAttributes, HeightTexture, NormalEcho]
@@ -211,5 +211,5 @@ def test_the_operators_follow_one_another_as_printed__or_open_last(late: bool) -
 
 @pytest.mark.parametrize("published", [False, True])
 def test_the_limits_of_a_run_are_off_as_published(published: bool) -> None:
-    for source in SOURCES:
+    for source in sources():
         assert (make_recipe(source=source, published=published).smallest == (0.0, 0.0)) == published

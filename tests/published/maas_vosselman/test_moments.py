@@ -9,16 +9,16 @@ from benchmarks.accuracy.moments import SCANS, Truth, uneven_scan
 
 from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint
-from eaves.recipe.recipe import make_recipe
-from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding, extent_of, fit_building
-from eaves.reconstruct.moments.invariants import (
+from eaves.published.maas_vosselman.moments import Moments
+from eaves.published.maas_vosselman.moments.building import ParametricBuilding, extent_of, fit_building
+from eaves.published.maas_vosselman.moments.invariants import (
     ClosedForm,
     SurfaceMoments,
     border_growth,
     closed_forms,
     surface_moments,
 )
+from eaves.recipe.recipe import make_recipe
 from eaves.solids.soundness import find_defect
 
 LENGTH, WIDTH, EAVES, RISE = 12.0, 8.0, 5.0, 3.0

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 from shapely import Polygon, affinity
-from tests.outline.test_global_fit import L_SHAPE, corner_count, iou, scanned
 
 from eaves.model import Boundary, Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
-from eaves.outline.ransac_lines import RansacLines, long_runs
+from eaves.published.xiao2014.ransac_lines import RansacLines, long_runs
+from tests.outline.test_global_fit import L_SHAPE, corner_count, iou, scanned
 
 
 def test_four_sides_of_a_square_are_four_runs() -> None:

@@ -16,9 +16,9 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
-from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding, rectangle_around
-from eaves.reconstruct.moments.method import (
+from eaves.published.maas_vosselman.moments import Moments
+from eaves.published.maas_vosselman.moments.building import ParametricBuilding, rectangle_around
+from eaves.published.maas_vosselman.moments.method import (
     PRIMITIVES,
     RoofPart,
     find_parts,
@@ -30,7 +30,7 @@ from eaves.reconstruct.moments.method import (
     to_world,
     to_world_plane,
 )
-from eaves.reconstruct.plane_intersection import PlaneIntersection, raise_polyhedron, vote
+from eaves.published.xiao2014.plane_intersection import PlaneIntersection, raise_polyhedron, vote
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.evidence import points_inside, seen_roof, support_of
 from eaves.reconstruct.toolkit.plan_lines import (
