@@ -392,20 +392,23 @@ def test_one_line_of_a_foreign_package_runs_its_step_and_those_that_follow_again
         return {step.name: step.key(opened) for step in STEPS}
 
     before = keys()
-    module.write_text(module.read_text() + "\n# a comment\n")
-    assert keys() == before
     (folder / "rules.py").write_text("LEAST = 2.0\n")
     after = keys()
     assert {name for name in after if after[name] != before[name]} == {"regions", "signs"}
 
 
-def test_the_modules_that_a_foreign_one_takes_from_this_package_are_in_its_key(
-    page_methods: ModuleType, nine_roofs_file: Path, tmp_path: Path
+def test_all_of_this_package_is_in_the_key_of_a_foreign_method(
+    page_methods: ModuleType, tmp_path: Path
 ) -> None:
-    from eaves.run.keys import package_sources
+    from eaves.run.keys import HOME, code_of_methods, kept_digest
 
-    reached = package_sources().closure(["my_methods"])
-    assert {"eaves.detect.stage", "eaves.solids.extrude", "eaves.units.stage", "eaves.methods"} <= reached
+    tree = tmp_path / "eaves"
+    shutil.copytree(HOME, tree, ignore=shutil.ignore_patterns("*.js*", "__pycache__"))
+    method = page_methods.HighAndDense()
+    before = list(code_of_methods(method, tree))
+    (tree / "solids" / "extrude.py").write_text("ANOTHER_LINE = 1\n")
+    kept_digest.cache_clear()
+    assert list(code_of_methods(method, tree)) != before
 
 
 def test_a_file_imports_no_code(page_methods: ModuleType, nine_roofs_file: Path, tmp_path: Path) -> None:

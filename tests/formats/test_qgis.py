@@ -17,12 +17,12 @@ import pytest
 import shapely
 
 from eaves.formats import write_geopackage, write_raster
+from eaves.formats.columns import LAYERS
 from eaves.formats.crs import parse_crs, system_of, unit_lengths
 from eaves.formats.qgis.project import write_project
 from eaves.formats.qgis.styles import listed_styles
 from eaves.formats.vectors.geopackage import Row
 from eaves.model import CoordinateSystem, Raster
-from eaves.model.columns import LAYERS
 from eaves.model.coordinates import LOCAL_METRES
 
 QGIS_PYTHON = "/usr/bin/python3"

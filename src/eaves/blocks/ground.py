@@ -31,7 +31,7 @@ from eaves.model import (
 from eaves.model.block import extremes
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow
-from eaves.run.store import SECONDS
+from eaves.run.store import SECONDS, STARTS
 from eaves.run.world_squares import WIDE_SQUARE, around_squares, within
 from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 
@@ -44,8 +44,6 @@ nothing."""
 DECK_REACH = 4.0 * RULES.widest + COARSEST_M
 """Distance (m) from a square within which large objects decide its decks."""
 
-STARTS = "starts"
-"""Array of a block's result: how many its terrain begins with, of a filter that names them."""
 Records = NDArray[Any]
 BlockPoints = tuple[Block, NDArray[np.int32]]
 

@@ -15,9 +15,8 @@ from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch
 from eaves.change.output import as_text, describe_comparison
 from eaves.change.verdict import UNCHANGED
-from eaves.formats import atomic
+from eaves.formats import COLUMNS, atomic
 from eaves.model import Points
-from eaves.model.columns import COLUMNS
 from eaves.report import (
     BUILDINGS_SHOWN,
     MILLIMETRES,

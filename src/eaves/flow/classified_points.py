@@ -26,7 +26,7 @@ from eaves.formats.whole_files import atomic
 from eaves.model import BLOCK_SIDE, BUILDING, Block, Provenance
 from eaves.run.index import Index
 from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
-from eaves.run.keys import key_of, package_sources
+from eaves.run.keys import code_digest, key_of
 from eaves.run.manifest import is_changed, known_files
 from eaves.run.partition import Window, file_slices
 
@@ -173,7 +173,7 @@ def key_of_columns(columns: Mapping[str, PointColumn], mark: bytes, made_from: P
     pieces = (
         column[first : first + PIECE] for column in columns.values() for first in range(0, len(column), PIECE)
     )
-    code = package_sources().digest([__name__])
+    code = code_digest(["flow/classified_points.py", "formats/points"])
     return key_of(code, mark, made_from, [key_of(piece) for piece in pieces])
 
 

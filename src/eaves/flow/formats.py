@@ -18,11 +18,11 @@ from typing import Any
 from eaves import extensions
 from eaves.extensions import imported, installed
 from eaves.formats import InputError
+from eaves.formats.columns import LAYERS
 from eaves.formats.format import Format
 from eaves.formats.vectors.geopackage import Row
 from eaves.formats.whole_files import is_full
 from eaves.model import CoordinateSystem, Provenance
-from eaves.model.columns import LAYERS
 
 log = logging.getLogger("eaves")
 

@@ -17,7 +17,6 @@ import shapely
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
-from eaves.blocks.ground import STARTS
 from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
 from eaves.figures.party_walls import (
     PARTY_GAP,
@@ -48,16 +47,16 @@ from eaves.flow.run import Run, stated_request
 from eaves.flow.step import Region, Step, Work, results_of
 from eaves.flow.steps import GROUND, REGIONS, SHOWN
 from eaves.formats import write_cityjson_seq
+from eaves.formats.columns import LAYERS
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
-from eaves.model.columns import LAYERS
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.manifest import MANIFEST, begin_manifest, set_aside, work_of_persons
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
-from eaves.run.store import SECONDS
+from eaves.run.store import SECONDS, STARTS
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:

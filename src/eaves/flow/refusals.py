@@ -21,7 +21,7 @@ from eaves.flow.formats import memory_of_points
 from eaves.footprints.read import box_text
 from eaves.formats import InputError
 from eaves.formats.points.source import check_fields
-from eaves.run.keys import is_of_package, package_sources
+from eaves.run.keys import is_of_package, source_of
 from eaves.run.manifest import (
     LISTED,
     changes_between,
@@ -67,7 +67,7 @@ def refuse_unknown_code(run: Run) -> None:
             continue
         is_shared = options["scheduler"] is None and run.jobs > 1
         lasts = options["keep"] or options["resume"]
-        if (is_shared or lasts) and package_sources().path(name) is None:
+        if (is_shared or lasts) and source_of(name) is None:
             raise InputError(
                 f"{stage} method {type(method).__qualname__}: has no source file, by which other processes "
                 "and later runs know it; put its class into a file, or leave jobs, keep and resume out"

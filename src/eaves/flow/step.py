@@ -23,7 +23,7 @@ from eaves.formats import InputError
 from eaves.formats.whole_files import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.clock import Budget
-from eaves.run.keys import Sources, key_of, modules_of, package_sources
+from eaves.run.keys import HOME, code_digest, code_of_methods, key_of
 from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import PartMark
 from eaves.run.points import load_window
@@ -67,6 +67,8 @@ class Step:
     ----------
     name : str
         Of the folder of its results.
+    code : tuple of str
+        The folders and files of this package that it can run, but for those of the methods it is given.
     takes : tuple of Input
         All that its functions are given beside parameters.
     see : callable
@@ -96,6 +98,7 @@ class Step:
     """
 
     name: str
+    code: tuple[str, ...]
     takes: tuple[Input, ...]
     see: Callable[..., Any]
     run: Callable[..., Any]
@@ -128,21 +131,13 @@ class Step:
         """The parameters that it declares, and the reference system."""
         return SimpleNamespace(system=run.index.system, **{name: parameter(run, name) for name in self.reads})
 
-    def key(self, run: Run, sources: Sources | None = None) -> str:
+    def key(self, run: Run, folder: Path = HOME) -> str:
         """The key of its code with that of the methods it is given, its parameters, the reference system and
-        its reaches; `sources` are those of this package unless others are given."""
+        its reaches; the code lies in a `folder`, that of this package unless another is given."""
         values = list(vars(self.parameters(run)).values())
         reaches = [parameter(run, entry.reach) for entry in self.takes if entry.reach]
-        return key_of(self.name, (sources or package_sources()).digest(self.modules(run)), values, reaches)
-
-    def modules(self, run: Run) -> list[str]:
-        """The modules of its functions and of the methods that it is given."""
-        functions: list[Callable[..., Any] | None] = [self.see, self.run]
-        functions += [load_window if entry.source is None else entry.source.load for entry in self.takes]
-        functions += [entry.load for entry in self.takes]
-        values = vars(self.parameters(run)).values()
-        methods = (module for value in values for module in modules_of(value))
-        return [*(function.__module__ for function in functions if function is not None), *methods]
+        methods = [list(code_of_methods(value, folder)) for value in values]
+        return key_of(self.name, code_digest(self.code, folder), methods, values, reaches)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ from eaves.run.world_squares import WIDE_SQUARE
 
 SUPERSEDED = Step(
     name=keys.SUPERSEDED,
+    code=(*keys.BASE, "blocks/superseded.py"),
     takes=(Input(load=load_scans, rings=1),),
     see=see_scans,
     run=find_superseded,
@@ -38,6 +39,7 @@ SUPERSEDED = Step(
 )
 THINNED = Step(
     name=keys.THINNED,
+    code=(*keys.BASE, "blocks/thinned.py"),
     takes=(Input(load=load_files),),
     see=see_files,
     run=find_thinned,
@@ -45,6 +47,7 @@ THINNED = Step(
 )
 SHARPENED = Step(
     name=keys.SHARPENED,
+    code=(*keys.BASE, "blocks/sharpened.py"),
     takes=(Input(load=load_chosen, rings=1),),
     see=see_smoothed,
     run=find_sharpened,
@@ -53,6 +56,7 @@ SHARPENED = Step(
 )
 FLOORS = Step(
     name=keys.FLOORS,
+    code=keys.GROUND_CODE,
     takes=(Input(load=load_points),),
     see=see_points,
     run=find_floor,
@@ -60,6 +64,7 @@ FLOORS = Step(
 )
 LARGE = Step(
     name=keys.LARGE,
+    code=keys.GROUND_CODE,
     side=WIDE_SQUARE,
     takes=(FLOORS.within("wide_buffer"),),
     see=see_floors,
@@ -70,6 +75,7 @@ LARGE = Step(
 )
 DECKS = Step(
     name=keys.DECKS,
+    code=keys.GROUND_CODE,
     side=WIDE_SQUARE,
     takes=(FLOORS.within("wide_buffer"), LARGE.around(0)),
     see=see_decks,
@@ -80,6 +86,7 @@ DECKS = Step(
 )
 GROUND = Step(
     name=keys.GROUND,
+    code=keys.GROUND_CODE,
     takes=(Input(reach="ground.buffer", ids=False), LARGE.within("ground.buffer")),
     see=see_ground,
     run=classify_block,
@@ -94,6 +101,7 @@ SEEN = (
 )
 SIGNS = Step(
     name=keys.SIGNS,
+    code=keys.SCENES_CODE,
     takes=SEEN,
     see=see_scenes,
     run=find_signs,
@@ -102,6 +110,7 @@ SIGNS = Step(
 )
 REGIONS = Step(
     name=keys.REGIONS,
+    code=keys.SCENES_CODE,
     takes=(*SEEN, SIGNS.within("signs_buffer")),
     see=see_regions,
     run=find_regions,
@@ -120,6 +129,7 @@ REGIONS = Step(
 )
 BUILDINGS = Step(
     name=keys.BUILDINGS,
+    code=keys.BUILDINGS_CODE,
     takes=(REGIONS.around(1), Input(load=load_points, rings=1)),
     see=see_buildings,
     run=model_buildings,
@@ -141,6 +151,7 @@ BUILDINGS = Step(
 )
 EDITED = Step(
     name=keys.EDITED,
+    code=keys.BUILDINGS_CODE,
     takes=(REGIONS.around(1), Input(load=load_found)),
     see=see_orders,
     run=model_orders,
@@ -151,6 +162,7 @@ EDITED = Step(
 )
 SHOWN = Step(
     name="shown",
+    code=(*keys.BASE, "blocks/block_file.py"),
     takes=(REGIONS.around(0), GROUND.around(0)),
     see=see_shown,
     run=show_block,

@@ -22,7 +22,7 @@ from eaves.flow.step import Given, Region, Visit, bring, squares_read
 from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.index import Index
-from eaves.run.keys import key_of, modules_of, package_sources
+from eaves.run.keys import EVERYTHING, code_digest, code_of_methods, key_of
 from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
@@ -175,7 +175,7 @@ def leave(region: Region, area: Area, plans: Sequence[OwnedBuildings]) -> None:
 def key_of_tile(region: Region, tile: Block, read: Sequence[Bounds]) -> str:
     """The key of all that the buildings of a tile follow from, of the inputs those near what was read."""
     run = region.run
-    code = package_sources().digest(["eaves.pipeline", *modules_of(run.recipe)])
+    code = [code_digest(EVERYTHING), *code_of_methods(run.recipe)]
     plan = {name: value for name, value in run.plan.items() if name not in INPUT_FACTS}
     starts = run.index.starts
     inputs = [

@@ -1,3 +1,4 @@
+from .columns import COLUMNS as COLUMNS
 from .crs import describe_system as describe_system
 from .crs import horizontal_crs as horizontal_crs
 from .crs import parse_crs as parse_crs

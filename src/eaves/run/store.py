@@ -36,6 +36,8 @@ RECORD = np.dtype(
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner, and a digest of
 the time of its pulse. Where methods take other fields of the points, `fields` holds them by name."""
+STARTS = "starts"
+"""Array of a block's result: how many its terrain begins with, of a filter that names them."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 

@@ -18,6 +18,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from eaves.formats.columns import COLUMNS, DETAILS, LAYERS
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError
 from eaves.formats.format import Format
@@ -29,7 +30,6 @@ from eaves.model import (
     CoordinateSystem,
     Provenance,
 )
-from eaves.model.columns import COLUMNS, DETAILS, LAYERS
 
 log = logging.getLogger("eaves")
 

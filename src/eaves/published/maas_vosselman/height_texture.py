@@ -12,13 +12,13 @@ from eaves.detect.toolkit.surface_grid import (
     SurfaceDetector,
     SurfaceGrid,
     connected,
+    filled,
     height_error,
     opened_by_area,
     surface_noise,
 )
 from eaves.methods import Emit, parameter
 from eaves.model import Labels, Mask, Scene, Values
-from eaves.published.ren_fcs.detection import filled
 from eaves.raster.groups import opened_by_square
 
 TEXTURE_OF_ERROR = 1.4

@@ -15,6 +15,7 @@ from eaves.detect.toolkit.surface_grid import (
     SurfaceDetector,
     SurfaceGrid,
     connected,
+    filled,
     height_error,
     mean_in,
     opened_by_area,
@@ -154,15 +155,6 @@ class Contours(SurfaceDetector):
         keep[0] = False
         kept = keep[label]
         return np.asarray(kept | (high & edge & grown_by_square(kept, 3)), np.bool_)
-
-
-def filled(surface: Values) -> Values:
-    """The surface (H, W) with its gaps taken from the nearest cell."""
-    gap = ~np.isfinite(surface)
-    if not gap.any() or gap.all():
-        return np.nan_to_num(surface)
-    nearest = ndimage.distance_transform_edt(gap, return_distances=False, return_indices=True)
-    return np.asarray(surface[tuple(nearest)], np.float64)
 
 
 def sobel_height(surface: Values) -> Values:

@@ -13,6 +13,7 @@ from eaves.detect.toolkit.surface_grid import (
     SurfaceDetector,
     SurfaceGrid,
     connected,
+    filled,
     height_error,
     mean_in,
     opened_by_area,
@@ -21,7 +22,6 @@ from eaves.detect.toolkit.surface_grid import (
 )
 from eaves.methods import Emit, parameter
 from eaves.model import Labels, Mask, Scene, Values
-from eaves.published.ren_fcs.detection import filled
 
 ANGLE_OF_ERROR = 1.65
 """Two slopes of independent errors differ by less than this many of one in three of four cases."""
