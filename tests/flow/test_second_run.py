@@ -257,7 +257,7 @@ def test_a_folder_of_links_devices_and_all_alphabets_is_left_as_it_is(
     os.symlink("/dev/null", out / "buildings.qgz")
     (out / MODELS).mkdir()
     words = {"outputs": ("footprints", "models"), "allow_failures": True}
-    with pytest.raises(InputError, match=r"is of no run"):
+    with pytest.raises(InputError, match=r"was not written by eaves"):
         build(inputs / f"{names[32]}.laz", out, **words)
     assert build(inputs / f"{names[32]}.laz", out, overwrite=True, **words).found == 9
     assert check_folder(out) == []

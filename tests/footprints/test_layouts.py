@@ -253,7 +253,7 @@ def test_degrees_and_geoparquet_are_read_near_the_points_only(tmp_path: Path) ->
         assert inside[0].polygon.symmetric_difference(HOUSES[0]).area < 0.05
         assert json.loads(inside[0].attributes["names"]) == {"primary": "De Kerk"}
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 and no more")
-    with pytest.raises(InputError, match="no GeoParquet"):
+    with pytest.raises(InputError, match="not GeoParquet"):
         recognise_map(tmp_path / "bad.parquet")
 
 
