@@ -39,6 +39,7 @@ lint: $(BIN)/eaves
 
 docs: $(BIN)/eaves
 	$(BIN)/python -m docs.pictures
+	$(BIN)/python -m docs.lighten
 	$(BIN)/python -m docs.build
 
 site: $(BIN)/eaves
