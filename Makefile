@@ -60,7 +60,7 @@ sources: $(BIN)/eaves
 released:
 	sed -i -E "s/install '\.\[/install 'eaves[/g; s/install \.( |$$|\`)/install eaves\1/; s/\`\.\[/\`eaves[/g" \
 	  README.md docs/start.md docs/guides/*.md docs/sources/README.md src/eaves/formats/errors.py
-	sed -i 's/ @ git+https:[^"]*//' docs/tutorials/first_buildings.md
+	sed -i 's/ @ git+https:[^"\\]*//' docs/tutorials/first_buildings.ipynb
 
 # The same kernels beside the sources of this clone; a kernel that is changed is compiled when first called.
 kernels: $(BIN)/eaves
