@@ -36,6 +36,7 @@ lint: $(BIN)/eaves
 	$(BIN)/ruff format --check src tests benchmarks qgis
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python packaging/prose.py
 
 docs: $(BIN)/eaves
 	$(BIN)/python -m docs.pictures

@@ -48,8 +48,8 @@ def keep(
     note: str = "",
     shown: bool = True,
 ) -> Path:
-    """Write the table to results/DATE-name.md, in place of an earlier one of that name, with the commit, machine
-    and command; print it if `shown`."""
+    """Write the table to results/DATE-name.md, in place of an earlier one of that name, with the commit,
+    machine and command; print it if `shown`."""
     commit = commit_now()
     cores = os.cpu_count()
     head = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -52,6 +53,13 @@ def nine_roofs_file(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFac
     order = np.random.default_rng(5).permutation(len(nine_roofs.cloud))
     write_laz(path, (nine_roofs.cloud.xyz + [85000.0 - 85000.0 % 240, 447120.0, 0.0])[order])
     return path
+
+
+def but_first(cases: Iterable[Any], count: int = 1) -> list[Any]:
+    """The cases of a law, all but the first `count` slow: these stand for the others in `make test`."""
+    listed = list(cases)
+    rest = [one if isinstance(one, tuple) else (one,) for one in listed[count:]]
+    return [*listed[:count], *(pytest.param(*one, marks=pytest.mark.slow) for one in rest)]
 
 
 def build_in_blocks(

@@ -159,6 +159,7 @@ def test_edits_made_in_the_layer_itself(out: Path) -> None:
 FILES = ("buildings.city.jsonl", "classified.laz", "review.csv")
 
 
+@pytest.mark.slow
 def test_a_run_that_kept_nothing_is_edited__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
     plain = tmp_path / "plain"
     build(json.loads((out / "run.json").read_text())["inputs"][0]["path"], plain, outputs=OUTPUTS)

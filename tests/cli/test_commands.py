@@ -302,6 +302,7 @@ def test_a_second_run_gives_the_same_bytes(built: Path, again: Path) -> None:
         assert (built / name).read_bytes() == (again / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_a_town_has_the_style_and_the_clutter_asked_for(tmp_path: Path) -> None:
     asked = ("--area", "0.01", "--density", "1", "--seed", "3")
     for name, more in (("centre", ("--style", "centre")), ("bare", ("--style", "centre", "--no-clutter"))):

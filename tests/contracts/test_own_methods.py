@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import shapely
 from tests.cli.test_commands import eaves as run
+from tests.conftest import but_first
 from tests.test_documentation import DOCS
 from tests.test_guides import write_methods
 
@@ -80,6 +81,7 @@ def test_the_examples_of_the_page_run(page_methods: ModuleType, nine_roofs_file:
     assert found.attempted >= 6 and found.failed == 0
 
 
+@pytest.mark.slow
 def test_the_command_imports_a_method_from_its_folder_in_two_processes(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,7 +179,7 @@ WRONG: dict[str, tuple[Callable[[int], Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("case", WRONG)
+@pytest.mark.parametrize("case", but_first(WRONG, 2))
 def test_a_broken_detector_ends_a_run_as_incomplete_with_method_and_block(
     case: str, nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

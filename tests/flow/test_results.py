@@ -15,7 +15,7 @@ import shapely
 
 import eaves
 from eaves.formats import InputError, read_cityjson
-from tests.conftest import write_laz
+from tests.conftest import but_first, write_laz
 
 FIGURES = ["id", "area_m2", "volume_m3", "h_max", "trust"]
 SYSTEM = 28992
@@ -42,7 +42,7 @@ def same(table: pandas.DataFrame, other: pandas.DataFrame) -> bool:
     return bool(one[FIGURES].equals(two[FIGURES]) and one.geometry.equals(two.geometry))
 
 
-@pytest.mark.parametrize("kind", ["path", "laspy", "array", "cloud", "fortran"])
+@pytest.mark.parametrize("kind", but_first(["cloud", "path", "laspy", "array", "fortran"]))
 def test_points_in_memory_give_the_buildings_of_their_file(run: eaves.Results, tile: Path, kind: str) -> None:
     las = laspy.read(tile)
     points = {
@@ -168,6 +168,7 @@ def test_progress_is_bars_or_a_function(tile: Path, capsys: pytest.CaptureFixtur
     assert "buildings" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_kept_run_of_values_in_memory_goes_on_from_its_folder(
     run: eaves.Results, tile: Path, tmp_path: Path
 ) -> None:

@@ -77,6 +77,7 @@ def test_edits_stay_unless_overwritten(nine_roofs_file: Path, out: Path, tmp_pat
     assert (out / "before-1" / "edits.gpkg").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_edits_are_carried_to_a_new_build__and_those_without_a_building_are_named(
     nine_roofs_file: Path, out: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

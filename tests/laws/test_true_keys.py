@@ -52,8 +52,8 @@ def tree(tmp_path: Path) -> Path:
 
 
 def keys_in(tree: Path, run: Run) -> dict[str, str]:
-    """Step → its key with the code of a tree."""
-    sources = Sources(tree)
+    """Step → its key with the code of a tree; a file is parsed once, whatever tree it stands in."""
+    sources = Sources(tree, run.folder.parent / "digests.json")
     return {step.name: step.key(run, sources) for step in STEPS}
 
 

@@ -86,6 +86,7 @@ def test_classes_2_and_6_are_the_same_with_and_without_vegetation(tmp_path: Path
     assert (whole == 6).sum() > 1000
 
 
+@pytest.mark.slow
 def test_a_file_may_number_its_classes_as_it_likes(tmp_path: Path) -> None:
     truth = nine_roofs_on_a_slope(density=4.0)
     path = write_simulation(truth, tmp_path)["points"]

@@ -86,6 +86,7 @@ def pid_after_a_while(seconds: float) -> int:
     return os.getpid()
 
 
+@pytest.mark.slow
 def test_the_process_that_starts_others_is_one_of_them__not_where_memory_is_limited() -> None:
     assert os.getpid() in {outcome.answer for outcome in run(pid_after_a_while, [0.01] * 8, 2)}
     assert len({outcome.answer for outcome in run(pid_after_a_while, [1.0] * 4, 3)}) == 3

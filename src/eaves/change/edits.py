@@ -180,7 +180,7 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
         if name:
             if edit.id and edit.id != name:
                 conflicts.append(
-                    f"{edit.verdict} of '{edit.id}', which no longer exists: applied to {name}, which lies there"
+                    f"{edit.verdict} of '{edit.id}', which no longer exists: applied to {name} at its place"
                 )
             own.setdefault(name, []).append(edit)
         elif edit.verdict == IS_BUILDING or (edit.id and edit.id in fresh):
