@@ -26,9 +26,10 @@ test: $(BIN)/eaves
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-all: $(BIN)/eaves
-	$(BIN)/python -m pytest -n auto --dist loadfile -m ""
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "" tests benchmarks/speed/test_work.py
 
 bench: $(BIN)/eaves
+	$(BIN)/python -m pytest benchmarks/speed/test_work.py -m ""
 	$(BIN)/python -m benchmarks
 
 lint: $(BIN)/eaves

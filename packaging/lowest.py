@@ -1,5 +1,6 @@
-"""The lowest versions that pyproject.toml promises, as constraints: `python packaging/lowest.py > lowest.txt`, then
-`pip install -c lowest.txt --only-binary :all: …`. CI runs the tests with them.
+"""The lowest versions that pyproject.toml promises, as constraints: `python packaging/lowest.py > lowest.txt`.
+
+CI runs the tests with them: `pip install --constraint lowest.txt …`.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ def lowest(project: dict[str, Any]) -> Iterator[str]:
     ValueError
         When a requirement has no lower bound.
     """
-    wanted: Iterable[str] = project["dependencies"] + sum(project["optional-dependencies"].values(), [])
+    wanted: Iterable[str] = chain(project["dependencies"], *project["optional-dependencies"].values())
     bounds: dict[str, str] = {}
     for requirement in wanted:
         if not (found := BOUND.fullmatch(requirement)):

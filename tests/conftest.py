@@ -18,6 +18,14 @@ from eaves.flow.run import Progress, no_progress, open_run
 from eaves.model.summary import Summary
 from eaves.pipeline import Correction, build_run, end_run, hold_folder, no_correction
 from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
+from tests.judges import summary_of
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Say in one line which independent judges were not there."""
+    skipped = terminalreporter.stats.get("skipped", ())
+    if line := summary_of(str(report.longrepr) for report in skipped):
+        terminalreporter.write_line(line)
 
 
 @pytest.fixture(scope="session")
