@@ -1,6 +1,6 @@
-"""The lowest versions that pyproject.toml promises, as constraints: `python packaging/lowest.py > lowest.txt`.
+"""The lowest versions that pyproject.toml promises, as constraints: `packaging/lowest.py > lowest.txt`.
 
-CI runs the tests with them: `pip install --constraint lowest.txt …`.
+CI builds with them: `pip install --constraint lowest.txt …`.
 """
 
 from __future__ import annotations

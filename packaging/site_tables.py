@@ -1,4 +1,4 @@
-"""Hook of mkdocs: tables of benchmarks/results and tutorials are pages of the site, links to them lead there."""
+"""Hook of mkdocs: tables of benchmarks/results and tutorials are pages of the site, and links lead there."""
 
 import json
 import sys
