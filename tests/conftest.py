@@ -21,11 +21,26 @@ from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
 from tests.judges import summary_of
 
 
+@pytest.fixture(scope="session")
+def one_roof_file(nine_roofs_file: Path) -> Path:
+    """One house of that file, where it is the folder or the command that is tested."""
+    path = nine_roofs_file.with_name("one.laz")
+    las = laspy.read(nine_roofs_file)
+    near = (las.x < las.header.mins[0] + HOUSE) & (las.y < las.header.mins[1] + HOUSE)
+    las.points = las.points[near]
+    las.write(path)
+    return path
+
+
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Say in one line which independent judges were not there."""
     skipped = terminalreporter.stats.get("skipped", ())
     if line := summary_of(str(report.longrepr) for report in skipped):
         terminalreporter.write_line(line)
+
+
+HOUSE = 35.0
+"""Metres between the houses of the nine."""
 
 
 @pytest.fixture(scope="session")

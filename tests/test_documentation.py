@@ -19,6 +19,7 @@ from pyproj import CRS
 from eaves.cli.app import make_app
 from eaves.pipeline import build
 from eaves.recipe.sources import SOURCES
+from tests.conftest import but_first
 from tests.contracts.test_public_docstrings import PUBLIC
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -49,7 +50,7 @@ def test_examples_of_the_researchers_guide_run(tmp_path: Path, monkeypatch: pyte
     assert found.attempted > 10 and found.failed == 0
 
 
-@pytest.mark.parametrize("guide", ["analyst", "agency", "change", "researcher", "solar"])
+@pytest.mark.parametrize("guide", but_first(["analyst", "agency", "change", "researcher", "solar"]))
 def test_the_loop_of_a_guide_names_every_building(
     guide: str, nine_roofs_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -59,6 +60,7 @@ def test_the_loop_of_a_guide_names_every_building(
     assert len([line for line in capsys.readouterr().out.splitlines() if line.startswith("b")]) == 9
 
 
+@pytest.mark.slow
 def test_the_python_of_the_start_writes_what_a_build_writes(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -70,6 +72,7 @@ def test_the_python_of_the_start_writes_what_a_build_writes(
     assert Path("buildings.city.jsonl").read_bytes() == Path("out/buildings.city.jsonl").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_guide_in_python_run(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

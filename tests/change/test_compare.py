@@ -119,6 +119,7 @@ def test_a_demolished_house_stands_on_the_old_side_of_the_slider_alone(out: Path
         assert browser.errors() == []
 
 
+@pytest.mark.slow
 def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path) -> None:
     old, new = folders
     assert compared(new, old, "-o", tmp_path / "out") == 0
@@ -126,6 +127,7 @@ def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path
     assert kinds == sorted(["unchanged"] * 7 + ["new", "lowered"])
 
 
+@pytest.mark.slow
 def test_beyond_the_common_area_nothing_is_demolished(folders: tuple[Path, Path], tmp_path: Path) -> None:
     old, new = folders
     points = new.parent / "new" / "points.laz"

@@ -243,6 +243,7 @@ def test_ground_writes_one_file(nine_roofs_file: Path, tmp_path: Path) -> None:
     assert (np.asarray(after.classification) == 2).mean() > 0.3
 
 
+@pytest.mark.slow
 def test_a_corrupt_file_among_good_ones_leaves_the_rest(nine_roofs_file: Path, tmp_path: Path) -> None:
     tiles = tmp_path / "tiles"
     tiles.mkdir()
@@ -263,6 +264,7 @@ def eaves_points(path: Path) -> int:
     return open_source(path).count
 
 
+@pytest.mark.slow
 def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
     built: Path, again: Path, tmp_path: Path
 ) -> None:

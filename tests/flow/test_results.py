@@ -81,6 +81,7 @@ def test_one_who_comes_from_numpy_and_laspy_gets_heights_volumes_and_a_cloud(til
     assert found.footprints.geometry[nearest].contains(footprint.world.centroid)
 
 
+@pytest.mark.slow
 def test_one_who_comes_from_geopandas_gets_tables_that_join(run: eaves.Results, tile: Path) -> None:
     parcels = geopandas.GeoDataFrame(
         {"owner": ["a", "b", "c"]}, geometry=run.footprints.buffer(0.5), crs=run.footprints.crs
@@ -160,6 +161,7 @@ def test_a_folder_without_a_run_and_polygons_that_are_none_are_refused(tmp_path:
         eaves.find_buildings(tile, footprints=[1, 2])
 
 
+@pytest.mark.slow
 def test_progress_is_bars_or_a_function(tile: Path, capsys: pytest.CaptureFixture[str]) -> None:
     steps: list[str] = []
     eaves.find_buildings(tile, crs=SYSTEM, progress=lambda step, done, total: steps.append(step))

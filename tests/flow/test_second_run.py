@@ -210,6 +210,7 @@ def test_a_reader_sees_the_old_or_the_new_file(
         assert later.execute(query).fetchone() < old
 
 
+@pytest.mark.slow
 def test_a_layer_that_another_program_is_changing_is_kept(nine_roofs_file: Path, out: Path) -> None:
     execute(out / "footprints.gpkg", "PRAGMA journal_mode = WAL")
     with closing(sqlite3.connect(out / "footprints.gpkg")) as editor:
@@ -237,6 +238,7 @@ ALPHABETS = (
 """Words in forty alphabets."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has neither such links nor such devices")
 def test_a_folder_of_links_devices_and_all_alphabets_is_left_as_it_is(
     nine_roofs_file: Path, tmp_path: Path
@@ -271,6 +273,7 @@ def test_a_folder_of_links_devices_and_all_alphabets_is_left_as_it_is(
     assert summary.found == 9
 
 
+@pytest.mark.slow
 def test_a_layer_that_was_only_shown_is_not_changed(nine_roofs_file: Path, out: Path) -> None:
     before = (out / "footprints.gpkg").read_bytes()
     execute(out / "footprints.gpkg", "PRAGMA journal_mode = WAL", "SELECT * FROM footprints")
@@ -290,6 +293,7 @@ def test_a_run_of_another_input_stays(nine_roofs_file: Path, out: Path, tmp_path
         build_again(nine_roofs_file, out)
 
 
+@pytest.mark.slow
 def test_inputs_that_moved_are_the_same(nine_roofs_file: Path, out: Path, tmp_path: Path) -> None:
     assert build_again(Path(shutil.copy(nine_roofs_file, tmp_path)), out).found == 9
 

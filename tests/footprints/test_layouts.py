@@ -257,6 +257,7 @@ def test_degrees_and_geoparquet_are_read_near_the_points_only(tmp_path: Path) ->
         recognise_map(tmp_path / "bad.parquet")
 
 
+@pytest.mark.slow
 def test_attribution_and_ids_are_in_all_that_is_written(
     nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
 ) -> None:

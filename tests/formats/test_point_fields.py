@@ -123,6 +123,7 @@ def write_tagged(path: Path, scene: ExactScene, part: slice) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_fields_stay_with_their_points_through_blocks_files_and_processes(
     nine_roofs: ExactScene, tmp_path: Path
 ) -> None:

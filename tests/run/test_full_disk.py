@@ -110,6 +110,7 @@ def test_a_disk_too_small_for_the_points_is_refused_before_they_are_read(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
 def test_the_command_line_reports_it_in_one_line_and_exits_with_1(
     nine_roofs_file: Path, tmp_path: Path

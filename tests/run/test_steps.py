@@ -98,6 +98,7 @@ def test_a_run_names_its_source_its_paper_and_whether_it_is_as_published(
     assert noted["as_published"] is published
 
 
+@pytest.mark.slow
 def test_the_maps_are_those_of_the_method(nine_roofs_file: Path, tmp_path: Path) -> None:
     eaves.build(nine_roofs_file, tmp_path, source="ren_fcs", steps=True, outputs=("classified",), lod="0")
     (cores,) = (tmp_path / "steps").glob("*/*_detect_cores.tif")
@@ -108,6 +109,7 @@ def test_the_maps_are_those_of_the_method(nine_roofs_file: Path, tmp_path: Path)
         assert np.array_equal(image.read(1), found["cores"].values)
 
 
+@pytest.mark.slow
 def test_steps_change_no_other_file(nine_roofs_file: Path, tmp_path: Path) -> None:
     for name, steps in (("with", True), ("without", False)):
         eaves.build(

@@ -69,6 +69,7 @@ def test_the_tasks_of_a_killed_process_are_tried_again(tmp_path: Path) -> None:
     assert [outcome.answer for outcome in outcomes] == ["alive"] * 3
 
 
+@pytest.mark.slow
 def test_only_the_task_that_kills_its_process_fails() -> None:
     outcomes = run(die, [1, 0, 2, 3, 4, 5], 2, 2 * LEAST)
     assert [outcome.answer for outcome in outcomes] == [1, None, 2, 3, 4, 5]

@@ -88,6 +88,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_footbridge_is_no_building_whatever_the_blocks_are(survey: Path, tmp_path: Path) -> None:
     found = []
     for block in (60.0, 240.0):
