@@ -231,7 +231,7 @@ def other_run(place: Place) -> Done:
     return place.build()
 
 
-@case("folder with a file of no run under the name of an output")
+@case("folder with a file that eaves did not write under the name of an output")
 def foreign(place: Place) -> Done:
     place.out.mkdir()
     (place.out / "footprints.gpkg").write_text("mine")

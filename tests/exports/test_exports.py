@@ -27,6 +27,7 @@ from eaves.formats.models.meshes import mesh_of_solids
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from tests.judges import judging_module, need_judge
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -159,8 +160,7 @@ def test_the_validator_of_khronos_finds_nothing(tmp_path: Path, town: list[Build
     """Needs Node.js and, where NODE_PATH leads, the package gltf-validator."""
     node = shutil.which("node")
     asked = [node or "", "-e", "require.resolve('gltf-validator')"]
-    if node is None or subprocess.run(asked, capture_output=True).returncode:
-        pytest.skip("node finds no gltf-validator")
+    need_judge("gltf-validator", node and not subprocess.run(asked, capture_output=True).returncode)
     write_glb(tmp_path / "town.glb", iter(town), DUTCH)
     write_3dtiles(tmp_path / "tiles", iter(town), DUTCH)
     files = [tmp_path / "town.glb", *sorted((tmp_path / "tiles" / "content").glob("*.glb"))]
@@ -305,7 +305,7 @@ def test_geopandas_reads_the_other_vector_files(tmp_path: Path, name: str) -> No
 
 @pytest.mark.parametrize("system", [DUTCH, OREGON_FEET], ids=["metres", "feet"])
 def test_ifcopenshell_finds_closed_bodies_in_place(system: CoordinateSystem, tmp_path: Path) -> None:
-    ifcopenshell = pytest.importorskip("ifcopenshell")
+    ifcopenshell = judging_module("ifcopenshell")
     geom, validate = import_module("ifcopenshell.geom"), import_module("ifcopenshell.validate")
     models = [model_at(ORIGIN, "a"), model_at((ORIGIN[0] + 240.0, ORIGIN[1]), "b")]
     for name in ("one.ifc", "two.ifc"):

@@ -109,6 +109,7 @@ def test_evidence_is_finite__of_however_few_that_could_be_roofs(window: Cloud, f
     assert np.isfinite(terms.cell).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning:eaves.units")  # a cell on a wall: 0 / 0
 @settings(law, max_examples=4, phases=[Phase.generate])
 @given(windows, st.sampled_from(STEPS))

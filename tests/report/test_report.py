@@ -100,6 +100,7 @@ def test_more_points_than_wanted_are_thinned_and_the_page_states_it(nine_run: Su
     assert np.array_equal(contents.points.xyz, again.points.xyz)
 
 
+@pytest.mark.slow
 def test_the_points_received_while_writing_are_those_read_afterwards(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

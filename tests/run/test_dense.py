@@ -83,6 +83,7 @@ def halves(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"one": whole, "two": folder / "cut"}
 
 
+@pytest.mark.slow
 def test_files_and_tiles_may_cut_a_dense_scan_anyhow(halves: dict[str, Path], tmp_path: Path) -> None:
     models = []
     for name, per_tile in (("one", False), ("two", False), ("two", True)):
@@ -92,6 +93,7 @@ def test_files_and_tiles_may_cut_a_dense_scan_anyhow(halves: dict[str, Path], tm
     assert len(models[0]) == 10 and models[0][1:] == models[1][1:] == models[2][1:]
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_thins_nothing_again(halves: dict[str, Path], tmp_path: Path) -> None:
     out, options = tmp_path / "out", {"keep": True, "outputs": ("models",)}
     times = []
@@ -162,6 +164,7 @@ def tiles_of_nine(folder: Path, times: bool = True, buffer: float = 0.0) -> tupl
     return paths[0], paths[1:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [True, False])
 def test_tiles_with_a_buffer_give_the_models_of_the_points_alone__and_it_is_said(
     times: bool, tmp_path: Path

@@ -159,6 +159,7 @@ def test_edits_made_in_the_layer_itself(out: Path) -> None:
 FILES = ("buildings.city.jsonl", "classified.laz", "review.csv")
 
 
+@pytest.mark.slow
 def test_a_run_that_kept_nothing_is_edited__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
     plain = tmp_path / "plain"
     build(json.loads((out / "run.json").read_text())["inputs"][0]["path"], plain, outputs=OUTPUTS)
@@ -178,6 +179,7 @@ def test_a_run_that_kept_nothing_is_edited__with_the_same_bytes(out: Path, tmp_p
     assert names[0] not in models(plain)
 
 
+@pytest.mark.slow
 def test_results_that_are_missing_are_computed_again__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
     shutil.copytree(out, tmp_path / "without")
     for step in ("ground", "regions", "buildings"):
@@ -188,6 +190,7 @@ def test_results_that_are_missing_are_computed_again__with_the_same_bytes(out: P
     assert all((out / name).read_bytes() == (tmp_path / "without" / name).read_bytes() for name in FILES)
 
 
+@pytest.mark.slow
 def test_an_update_that_was_broken_off_is_made_again__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
     name, shape = next(iter(buildings(out).items()))
     edit, broken = Edit(FOOTPRINT, shapely.buffer(shape, -1.0, join_style="mitre"), name), tmp_path / "broken"

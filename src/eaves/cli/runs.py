@@ -111,7 +111,7 @@ def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
     except FileNotFoundError:
         raise ValueError(f"{path}: there is no such configuration file; check --config") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid TOML ({error}); mend the file") from None
+        raise ValueError(f"{path}: not valid TOML ({error}); fix the file") from None
     for stage, table in tables.items():
         if stage not in REGISTRY or not isinstance(table, dict):
             raise ValueError(f"{path}: unknown table '{stage}'; choose among: {', '.join(REGISTRY)}")

@@ -298,7 +298,7 @@ def refuse_overwrite(
 
 
 def edits_and_work(folder: Path, planned: Collection[str]) -> Iterator[tuple[Path, str]]:
-    """What of a person a build would write over, each with the reason."""
+    """Files with a person's work that a build would overwrite, each with the reason."""
     if (edits := folder / EDITS).exists():
         day = datetime.fromtimestamp(edits.stat().st_mtime)
         yield edits, f"holds edits of {day.day} {day:%B %Y}"

@@ -142,7 +142,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """Given footprints (world metres), and those that cannot be modelled."""
+    """Given footprints (world metres), and the ones that cannot be modelled."""
 
     footprints: Sequence[Footprint] = ()
     lost: Sequence[Failure] = ()
@@ -150,16 +150,16 @@ class Given:
 
 @dataclass(frozen=True)
 class Visit:
-    """What is remembered of a tile whose buildings are in the store, or of a run in one piece."""
+    """Record of a finished tile, or of a whole run that has one tile."""
 
     owners: tuple[Block, ...]
     blocks: tuple[Block, ...]
-    """Those that the files show."""
+    """Blocks that the outputs cover."""
     points: int = 0
     read: tuple[Bounds, ...] = ()
-    """World metres of all that was read for it."""
+    """Extents of everything that was read for it (world metres)."""
     key: str = ""
-    """Of all that it follows from."""
+    """Key of all its inputs."""
 
 
 @dataclass(eq=False)
@@ -266,7 +266,7 @@ def store_of(run: Run) -> Store:
         has_classes=run.index.has_field("classification"),
         system=run.index.system,
         fields=run.fields,
-        outlasts=bool(run.options["keep"]),
+        persistent=bool(run.options["keep"]),
     )
 
 

@@ -95,7 +95,7 @@ def features_of(
             rule = f"feature {number} has the verdict '{row['verdict']}'"
             raise InputError.about(path, rule, f"use one of: {', '.join(VERDICTS)}")
         if whole is None:
-            raise InputError.about(path, f"feature {number} is no polygon with an area", "mend or delete it")
+            raise InputError.about(path, f"feature {number} has no area", "fix or delete it")
         yield verdict, whole, str(row.get("id") or ""), row
 
 
@@ -180,7 +180,7 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
         if name:
             if edit.id and edit.id != name:
                 conflicts.append(
-                    f"{edit.verdict} of '{edit.id}', which is no more: taken for {name}, at its place"
+                    f"{edit.verdict} of '{edit.id}', which no longer exists: applied to {name} at its place"
                 )
             own.setdefault(name, []).append(edit)
         elif edit.verdict == IS_BUILDING or (edit.id and edit.id in fresh):

@@ -68,16 +68,16 @@ class Updated(Results):
         if self.date is not None:
             came, went = self.points_changed
             lines.append(
-                f"{came:,} points came, {went:,} gave way; "
+                f"{came:,} points added, {went:,} replaced; "
                 f"{self.blocks[0]:,} of {self.blocks[1]:,} blocks were computed again"
             )
         if self.date is not None or new or again or gone:
             lines.append(
-                f"{count:,} buildings: {count - new - again:,} as they were, {again:,} modelled again, "
-                f"{new:,} new; {gone:,} are no more"
+                f"{count:,} buildings: {count - new - again:,} unchanged, {again:,} modelled again, "
+                f"{new:,} new; {gone:,} removed"
             )
         if self.beside:
-            lines.append(f"{len(self.beside):,} of those as they were share other walls with a neighbour")
+            lines.append(f"{len(self.beside):,} unchanged buildings share other walls with a neighbour")
         if self.edits or self.date is None:
             lines.append(
                 f"{len(self.edits)} edits: {len(self.corrected.modelled)} buildings modelled by them, "

@@ -175,7 +175,7 @@ def opened_parquet(path: Path) -> Iterator[tuple[Any, dict[str, Any], str | None
     import pyarrow
     import pyarrow.parquet
 
-    refusal = InputError.about(path, "is no GeoParquet with shapes as WKB", "write it anew with GDAL")
+    refusal = InputError.about(path, "is not GeoParquet with WKB geometry", "write it anew with GDAL")
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
             about = json.loads((file.schema_arrow.metadata or {})[b"geo"])

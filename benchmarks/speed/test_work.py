@@ -1,4 +1,7 @@
-"""How much work common things take, counted in calls: a bar for what time on a shared machine cannot show."""
+"""How much work common things take, counted in calls: a bar for what time on a shared machine cannot show.
+
+`python -m pytest benchmarks/speed/test_work.py`, a part of `make bench` and of `make test-all`.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.conftest import nine_roofs, nine_roofs_file
 
 import eaves
 from eaves import exports, pipeline
@@ -18,6 +22,8 @@ from eaves.formats.points import laz
 from eaves.model import BuildingModel, Footprint
 from eaves.simulate.objects.roofs import ExactScene
 from eaves.validate import validate_model
+
+__all__ = ["nine_roofs", "nine_roofs_file"]  # fixtures of the tests
 
 MODELLING, CHECKING = 9_650, 3_200
 """Calls of functions, Python's and libraries', for one gabled house."""
