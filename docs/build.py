@@ -17,6 +17,7 @@ from docs.columns_page import columns_page
 from docs.method_pages import method_index, method_page
 from docs.results_page import results_page
 from docs.source_pages import source_page
+from docs.steps_page import steps_page
 
 from eaves.methods import REGISTRY, methods_of
 from eaves.recipe.sources import sources
@@ -29,6 +30,7 @@ def reference_pages() -> dict[Path, str]:
     """File (under docs/) → text of every page that the code alone decides."""
     pages = {
         Path("columns.md"): columns_page(),
+        Path("develop/steps.md"): steps_page(),
         Path("reference/methods/README.md"): method_index(),
         **{Path("reference/api") / name: text for name, text in api_pages().items()},
     }
