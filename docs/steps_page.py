@@ -10,8 +10,8 @@ BASE_NAMES = ", ".join(f"`{name}`" for name in BASE)
 INTRODUCTION = f"""# The steps of a run
 
 Made from `flow/steps.py` by `make docs`. The code of each is also that of {BASE_NAMES} and
-of the methods it is given. After `regions` buildings are joined across blocks, after `buildings` an update names
-them as the earlier run did (`upkeep/versions.py`): these two are not kept by a key.
+of the methods it is given. After `regions` buildings are joined across blocks, after `buildings` an update
+names them as the earlier run did (`upkeep/versions.py`): these two are not kept by a key.
 
 | step | unit | takes, within | parameters | functions | code beside the base |
 |---|---|---|---|---|---|
@@ -29,7 +29,7 @@ def row(step: Step) -> str:
     unit += f", where `{step.needs}`" if step.needs else ""
     takes = "; ".join(map(taken, step.takes))
     parameters = ", ".join(f"`{name}`" for name in step.reads) or "–"
-    functions = f"`{step.see.__name__}`, `{step.run.__name__}`"
+    functions = f"`{step.inputs_of.__name__}`, `{step.run.__name__}`"
     code = ", ".join(f"`{name}`" for name in step.code if name not in BASE)
     return f"| {step.name} | {unit} | {takes} | {parameters} | {functions} | {code} |\n"
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import eaves
-from eaves.buildings.building_file import as_found
-from eaves.flow.region import bring_points, open_region
+from eaves.buildings.building_file import found_buildings
+from eaves.flow.region import ensure_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
-from eaves.flow.step import Input, Region, Step, bring, home_of
+from eaves.flow.step import Input, Region, Step, ensure, square_of
 from eaves.flow.steps import SHOWN, SIGNS, STEPS
 from eaves.methods import REGISTRY, methods_of, resolve_method
 from eaves.model import Block
@@ -153,7 +153,7 @@ def outside(modules: Iterable[str], code: Iterable[str]) -> list[str]:
 
 @by_name
 def test_a_step_runs_no_code_but_what_it_declares(step: Step) -> None:
-    functions = [step.see, step.run, *(one.load for one in step.takes)]
+    functions = [step.inputs_of, step.run, *(one.load for one in step.takes)]
     functions += [one.source.load for one in step.takes if one.source is not None]
     modules = {one.__module__ for one in functions if one is not None and one.__module__ in MODULES}
     assert outside(modules, step.code) == []
@@ -271,7 +271,7 @@ class Recorder(Workers):
 
     def run(self, work: Any, tasks: Sequence[Any]) -> Iterator[Outcome]:
         if isinstance(work, partial) and hasattr(work.func, "step"):
-            homes = {home_of(unit) for unit, _ in tasks}
+            homes = {square_of(unit) for unit, _ in tasks}
             self.units.setdefault(work.func.step.name, set()).update(homes)
         return super().run(work, tasks)
 
@@ -285,7 +285,7 @@ class Again:
 
     def opened(self) -> Region:
         region = open_region(self.run, self.workers, no_progress)
-        bring_points(region)
+        ensure_points(region)
         return region
 
     def edited(self) -> None:
@@ -294,9 +294,9 @@ class Again:
     def computed(self, region: Region) -> dict[str, set[Block]]:
         """Units of each step, the edits among them: every roof is said to be flat."""
         compute_buildings(region)
-        outlines = outlines_in(as_found(region.store), SIDE)
+        outlines = outlines_in(found_buildings(region.store), SIDE)
         correct(region, [Edit(FLAT_ROOF, outline, name) for name, outline in outlines.items()])
-        bring(region, SHOWN, region.blocks)
+        ensure(region, SHOWN, region.blocks)
         assert not region.failed
         return {name: units for name, units in self.workers.units.items() if units}
 

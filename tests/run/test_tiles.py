@@ -16,7 +16,7 @@ from benchmarks.scale.faults import contents as file_contents
 from tests.conftest import build_in_blocks
 
 from eaves import pipeline
-from eaves.buildings.building_file import Kept
+from eaves.buildings.building_file import SavedBuildings
 from eaves.flow.step import Region
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, CoordinateSystem
@@ -183,11 +183,11 @@ def test_what_no_tile_can_reach_any_more_is_let_go(crossed: Path, tmp_path: Path
 
 def test_edits_are_carried_out_as_in_one_piece(crossed: Path, tmp_path: Path) -> None:
     def edited(region: Region, owners: list[Block]) -> list[Block]:
-        outlines = list(outlines_in(Kept(region.store), SIDE).items())
+        outlines = list(outlines_in(SavedBuildings(region.store), SIDE).items())
         verdicts = zip(outlines, (FLAT_ROOF, NO_BUILDING, FLAT_ROOF), strict=False)
         found = correct(region, [Edit(verdict, outline, name) for (name, outline), verdict in verdicts])
         assert (len(found.modelled), len(found.removed)) == (2, 1)
-        return Kept(region.store).owners(SIDE)
+        return SavedBuildings(region.store).owners(SIDE)
 
     assert build(crossed, tmp_path / "whole", correction=edited).found == 8
     assert tiled(crossed, tmp_path / "tiled", correction=edited).found == 8

@@ -16,7 +16,7 @@ import pytest
 import shapely
 from pyproj import CRS
 
-from eaves.blocks.superseded import GAP_CELLS, find_superseded, pair_same, see_scans
+from eaves.blocks.superseded import GAP_CELLS, find_superseded, inputs_of_superseded, pair_same
 from eaves.formats import InputError, read_polygons
 from eaves.model import Block
 from eaves.model.coordinates import LOCAL_METRES
@@ -64,7 +64,7 @@ def superseded(store: Store, *generations: int) -> dict[str, np.ndarray]:
     """What the points of later files take the place of in the block."""
     scans = {block: load_scans(store, block) for block in ring(HOME)}
     parameters = SimpleNamespace(generations=generations)
-    return find_superseded(see_scans(HOME, scans, parameters), parameters)
+    return find_superseded(inputs_of_superseded(HOME, scans, parameters), parameters)
 
 
 def test_points_alike_are_paired_one_to_one() -> None:

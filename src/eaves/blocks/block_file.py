@@ -157,7 +157,7 @@ def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
     return sides
 
 
-def see_shown(
+def inputs_of_shown(
     block: Block,
     regions: Mapping[Block, BlockFile],
     ground: Mapping[Block, Mapping[str, NDArray[Any]]],

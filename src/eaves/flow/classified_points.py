@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.blocks.block_file import BlockFile
-from eaves.buildings.building_file import Kept, read_numbers
+from eaves.buildings.building_file import SavedBuildings, read_numbers
 from eaves.flow.formats import classified_name
 from eaves.flow.run import Run
 from eaves.formats import InputError, write_classified
@@ -93,7 +93,7 @@ def known_copies(folder: Path, work: Path) -> dict[str, Path]:
 
 def write_points(
     run: Run,
-    kept: Kept,
+    kept: SavedBuildings,
     regions: Mapping[Block, BlockFile],
     owners: Sequence[Block],
     sink: PointSink | None = None,
@@ -189,7 +189,7 @@ def copies_of(index: Index, path_of: Callable[[str], Path]) -> dict[int, list[Pa
 def gather_labels(
     folder: Path,
     index: Index,
-    kept: Kept,
+    kept: SavedBuildings,
     regions: Mapping[Block, BlockFile],
     owners: Sequence[Block],
 ) -> None:

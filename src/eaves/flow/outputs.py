@@ -17,7 +17,7 @@ import shapely
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
-from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
+from eaves.buildings.building_file import ANSWERS, SavedBuildings, read_numbers
 from eaves.figures.party_walls import (
     PARTY_GAP,
     Walls,
@@ -74,7 +74,7 @@ LONGEST_FIRST = ("steps", "classified", "models", "footprints", "rasters", "mask
 class BuildingRows:
     """The rows of all buildings, or of all roof faces, read anew from the store each time."""
 
-    kept: Kept
+    kept: SavedBuildings
     owners: Sequence[Block]
     shared: Sequence[dict[str, float] | None] = ()
     """The walls of the buildings (`wall_figures`), where known."""
@@ -100,7 +100,7 @@ class RunResults:
     """
 
     run: Run
-    kept: Kept
+    kept: SavedBuildings
     regions: Mapping[Block, BlockFile]
     """The results of the blocks that the files show."""
     owners: Sequence[Block]
@@ -111,9 +111,9 @@ class RunResults:
     copies: Mapping[str, Path] = field(default_factory=dict)
     """Classified points that an earlier run wrote, by the keys of what they follow from."""
 
-    def see(self, step: Step, block: Block) -> Any:
+    def inputs_of(self, step: Step, block: Block) -> Any:
         """All that a step follows from in a block."""
-        return Work.of(step, self.run).see(block, self.kept.store)
+        return Work.of(step, self.run).inputs_of(block, self.kept.store)
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
@@ -121,7 +121,9 @@ class RunResults:
 
 
 def finished_models(
-    buildings: Kept, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
+    buildings: SavedBuildings,
+    owners: Sequence[Block],
+    shared: Sequence[dict[str, float] | None] | None = None,
 ) -> Iterator[BuildingModel | Failure]:
     """The models and failures of the `owners`, the models with their party walls, `shared` where known."""
     walls = iter(party_walls(buildings, owners) if shared is None else shared)
@@ -173,7 +175,7 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
     if step == "steps":
         from eaves.flow.intermediates import write_steps
 
-        return Written(write_steps(run, list(results.regions), results.see))
+        return Written(write_steps(run, list(results.regions), results.inputs_of))
     from eaves.flow.classified_points import write_points
 
     files = write_points(run, buildings, results.regions, owners, sink, results.copies)
@@ -192,7 +194,7 @@ def write_outputs(
     (key → file) are the classified points that an earlier run wrote just so.
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
-    kept = Kept(store)
+    kept = SavedBuildings(store)
     steps = [name for name in (*EVERYTHING, "steps") if name in run.outputs and name != "report"]
     clock = Clock()
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
@@ -342,7 +344,7 @@ def summarise(
     counts = {name: Counter[str]() for name in COUNTED}
     seconds: Counter[str] = Counter()
     count = 0
-    for row in Kept(region.store).rows(owners):
+    for row in SavedBuildings(region.store).rows(owners):
         count += 1
         counts["trust"][judge(row.values)[0]] += 1
         seconds.update(row.seconds)
@@ -384,7 +386,7 @@ HOMES_IN_MEMORY = 16
 """Home blocks whose buildings are kept while those around them are looked at."""
 
 
-def party_walls(buildings: Kept, owners: Sequence[Block]) -> list[dict[str, float] | None]:
+def party_walls(buildings: SavedBuildings, owners: Sequence[Block]) -> list[dict[str, float] | None]:
     """The walls each building shares with others, and its free ones, in the order of the store's results;
     None for a building without solids."""
 
@@ -405,14 +407,14 @@ def party_walls(buildings: Kept, owners: Sequence[Block]) -> list[dict[str, floa
     return walls
 
 
-def extent_of(buildings: Kept, owner: Block) -> Polygon:
+def extent_of(buildings: SavedBuildings, owner: Block) -> Polygon:
     """The rectangle (world metres) around the buildings that a block owns."""
     outlines = [row.polygon for row in buildings.rows([owner])]
     return shapely.envelope(shapely.geometrycollections(outlines))
 
 
 def walls_in(
-    buildings: Kept,
+    buildings: SavedBuildings,
     owners: Sequence[Block],
     owner: int,
     near: Sequence[int],

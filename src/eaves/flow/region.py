@@ -25,15 +25,15 @@ from eaves.buildings.join import (
 )
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, request_of
-from eaves.flow.step import Region, Step, bring, results_of, squares_read, store_of
+from eaves.flow.step import Region, Step, ensure, results_of, squares_read, store_of
 from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SHARPENED, SUPERSEDED, THINNED
 from eaves.flow.tiles import (
     Area,
     bounds_by_tile,
     by_tile,
+    evict,
     given_in,
     inputs_meeting,
-    let_go,
     squares_of_area,
 )
 from eaves.formats.whole_files import atomic
@@ -92,7 +92,7 @@ def drop_upkeep(region: Region) -> None:
     (folder / NUMBERS).unlink(missing_ok=True)
 
 
-def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()) -> None:
+def ensure_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()) -> None:
     """The points of all blocks; in a run by tiles those that decide the results of a step for some units."""
     if region.within is None:
         if region.used or region.isolated:
@@ -285,8 +285,8 @@ def remark_on_steps(region: Region) -> None:
 
 def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:
     """Bring the results of a step that says which of some blocks' points are used, and no others of it."""
-    region.store.keep_only(step.name, units)
-    bring(region, step, units)
+    region.store.evict_others(step.name, units)
+    ensure(region, step, units)
     results = dict(region.store.found(step.name, units))
     region.points_keys = {
         name: key_of(key, results[name]) if name in results else key
@@ -341,17 +341,17 @@ def check_blocks(region: Region) -> None:
 def blocks_of(region: Region, area: Area) -> list[Block]:
     """The blocks of an area that are used, and in a run by tiles those around them."""
     if not area.tiles:
-        bring_points(region)
+        ensure_points(region)
         return region.blocks
     squares = squares_of_area(region, area)
-    bring_points(region, REGIONS, squares)
+    ensure_points(region, REGIONS, squares)
     return sorted(squares & region.used)
 
 
 def find_regions(region: Region, blocks: Sequence[Block]) -> None:
     """Large objects, the ground, rasters and regions of buildings of some blocks, and what these take of the
     blocks around."""
-    bring(region, REGIONS, region.workers.heaviest_first(blocks, region.store.count_points))
+    ensure(region, REGIONS, region.workers.heaviest_first(blocks, region.store.count_points))
 
 
 def blocks_ahead(region: Region, area: Area, done: Sequence[Block]) -> list[Block]:
@@ -359,7 +359,7 @@ def blocks_ahead(region: Region, area: Area, done: Sequence[Block]) -> list[Bloc
     if not area.tiles or region.run.given is not None:
         return []
     beyond = blocks_beyond(seams(region, done), area.holds) - set(done)
-    bring_points(region, REGIONS, beyond)
+    ensure_points(region, REGIONS, beyond)
     return sorted(beyond & region.used)
 
 
@@ -380,20 +380,20 @@ def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     return [Seam.read(result) for result in results_of(REGIONS, region.store, sorted(blocks)).values()]
 
 
-def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
+def model_plans(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
-    bring_points(region, BUILDINGS, plans)
-    bring(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
+    ensure_points(region, BUILDINGS, plans)
+    ensure(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
     region.budget.step("buildings")
 
 
 def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
     """The buildings of some owner blocks after a person's edits."""
     for group in by_tile(region, units):
-        bring_points(region, EDITED, group)
-        bring(region, EDITED, group)
+        ensure_points(region, EDITED, group)
+        ensure(region, EDITED, group)
         if region.run.by_tiles:
-            let_go(region)
+            evict(region)
 
 
 def size_of(region: Region, plan: OwnedBuildings) -> float:

@@ -245,7 +245,7 @@ class Store:
         for suffix in (".key", ".part"):
             self.path(step, unit).with_suffix(suffix).unlink(missing_ok=True)
 
-    def keep_only(self, step: str, units: Iterable[Block]) -> None:
+    def evict_others(self, step: str, units: Iterable[Block]) -> None:
         """Remove the results of a step for all units but these."""
         names = {unit.name for unit in units}
         for path in (self.folder / step).glob("*.*"):

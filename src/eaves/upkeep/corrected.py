@@ -11,7 +11,7 @@ from typing import Self
 import shapely
 from shapely import Polygon
 
-from eaves.buildings.building_file import Kept, as_found
+from eaves.buildings.building_file import SavedBuildings, found_buildings
 from eaves.buildings.edited import Order, OwnedOrders
 from eaves.buildings.join import block_of
 from eaves.flow.refusals import EDITS, LAYER
@@ -40,7 +40,7 @@ class Corrected:
     touched: frozenset[Block] = frozenset()
 
 
-def outlines_in(buildings: Kept, side: float) -> dict[str, Polygon]:
+def outlines_in(buildings: SavedBuildings, side: float) -> dict[str, Polygon]:
     """Id → outline (world metres) of buildings that are kept."""
     return {str(row.values["id"]): row.polygon for row in buildings.rows(buildings.owners(side))}
 
@@ -63,7 +63,7 @@ def changed_in_layer(folder: Path, system: CoordinateSystem, shown: dict[str, Po
 def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     """Carry out all edits on a region's buildings, and take back what is edited no more."""
     store, side = region.store, region.run.side
-    detected = as_found(store)
+    detected = found_buildings(store)
     orders, conflicts = settle(edits, outlines_in(detected, side))
     home = {str(row.values["id"]): owner for owner in detected.owners(side) for row in detected.rows([owner])}
     orders = [order for order in orders if order.outlines or order.id in home]
@@ -72,23 +72,25 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
         owner = home.get(order.id) or block_of(Footprint(order.outlines[0]), region.run.first_block)
         by_owner.setdefault(owner, []).append(order)
     touched = frozenset([*by_owner, *store.units(EDITED.name, side)])
-    store.keep_only(EDITED.name, by_owner)
+    store.evict_others(EDITED.name, by_owner)
     keys = {**dict(store.found(BUILDINGS.name, by_owner)), **dict(store.found(NAMED, by_owner))}
     units = [
         OwnedOrders(owner, tuple(by_owner[owner]), keys.get(owner.name, "")) for owner in sorted(by_owner)
     ]
     model_edits(region, units)
-    conflicts += overlaps(orders, outlines_in(Kept(store), side))
+    conflicts += overlaps(orders, outlines_in(SavedBuildings(store), side))
     return Corrected(
         tuple(name for order in orders for name, _ in order.parts),
         tuple(order.id for order in orders if not order.outlines),
-        tuple(reason for unit in units for reason in failures_in(unit, Kept(store, (EDITED.name,)))),
+        tuple(
+            reason for unit in units for reason in failures_in(unit, SavedBuildings(store, (EDITED.name,)))
+        ),
         tuple(conflicts),
         touched,
     )
 
 
-def failures_in(unit: OwnedOrders, edited: Kept) -> Iterator[str]:
+def failures_in(unit: OwnedOrders, edited: SavedBuildings) -> Iterator[str]:
     """The buildings that the orders of a block ask for and of which there is no model, with the reason."""
     if edited.path(unit.owner_block) is None:
         return  # the whole block failed, which the run says
@@ -142,7 +144,7 @@ class CarriedEdits:
         log.info("%d edits of an earlier run are carried over", len(self.edits))
         for reason in (*corrected.conflicts, *corrected.failed):
             log.warning("edit: %s", reason)
-        return Kept(region.store).owners(region.run.side)
+        return SavedBuildings(region.store).owners(region.run.side)
 
     def keep(self) -> Path:
         """Write the file of the edits again, as those of this build; its path."""

@@ -14,11 +14,17 @@ from pathlib import Path
 import laspy
 import numpy as np
 
-from eaves.buildings.building_file import NUMBERS, Kept, as_found, keep_numbers, numbers_of_owners
+from eaves.buildings.building_file import (
+    NUMBERS,
+    SavedBuildings,
+    found_buildings,
+    keep_numbers,
+    numbers_of_owners,
+)
 from eaves.flow.classified_points import KEYS, known_copies
 from eaves.flow.outputs import write_outputs
 from eaves.flow.refusals import EDITS, is_same_place
-from eaves.flow.region import EARLIER, bring_points, drop_upkeep, end_region, open_region
+from eaves.flow.region import EARLIER, drop_upkeep, end_region, ensure_points, open_region
 from eaves.flow.results import Results
 from eaves.flow.run import Progress, Run, no_progress, stated_request
 from eaves.flow.step import Region, store_of
@@ -170,7 +176,7 @@ def update(
             link_results(folder / WORK, run.work_folder)
         region = open_region(run, workers, progress)
         if new:
-            bring_points(region)
+            ensure_points(region)
             check_place(region)
         if not request.keep:
             compute_again(region, folder)
@@ -190,7 +196,7 @@ def compute_again(region: Region, folder: Path) -> None:
     correct(region, kept_edits(folder, region.store.system))
 
 
-def earlier_buildings(store: Store, folder: Path) -> Kept:
+def earlier_buildings(store: Store, folder: Path) -> SavedBuildings:
     """The buildings of the run that is updated, as it shows them, with its results in a folder.
 
     They are set aside, for the store goes on with the others; an update that was broken off leaves them.
@@ -205,29 +211,29 @@ def earlier_buildings(store: Store, folder: Path) -> Kept:
                 link = link_results if path.is_dir() else link_file
                 link(path, hidden / path.name)
         hidden.rename(aside)
-    return Kept(replace(store, folder=aside))
+    return SavedBuildings(replace(store, folder=aside))
 
 
-def all_edits(folder: Path, file: str | Path | None, shown: Kept, side: float) -> list[Edit]:
+def all_edits(folder: Path, file: str | Path | None, shown: SavedBuildings, side: float) -> list[Edit]:
     """The edits that a run's folder keeps, those that a user made in its layer since it was written, and
     those of a file; of the buildings that the run shows, in blocks of a side (m)."""
     system, outlines = shown.store.system, outlines_in(shown, side)
     edits = [*kept_edits(folder, system), *changed_in_layer(folder, system, outlines)]
-    detected = outlines_in(as_found(shown.store), side)
+    detected = outlines_in(found_buildings(shown.store), side)
     return edits if file is None else [*edits, *read_edits(Path(file), system, {**detected, **outlines})]
 
 
 def update_region(
-    region: Region, before: Kept, folder: Path, edits: Sequence[Edit], date: str | None
+    region: Region, before: SavedBuildings, folder: Path, edits: Sequence[Edit], date: str | None
 ) -> Updated:
     """The buildings of a region with the names of those before and with all edits, and the files of them; the
     folder is that of the run that is updated, the date that of new points."""
     store, side, out = region.store, region.run.side, region.run.folder
-    owners, shown = compute_buildings(region), Kept(store)
-    named = as_found(before.store)
+    owners, shown = compute_buildings(region), SavedBuildings(store)
+    named = found_buildings(before.store)
     gave_way = places_superseded(store, side)
     versions, changed = name_versions(
-        Kept(store, (BUILDINGS,)), named, owners, known_ids(folder), date, gave_way
+        SavedBuildings(store, (BUILDINGS,)), named, owners, known_ids(folder), date, gave_way
     )
     edited = correct(region, edits)
     numbers = numbers_of_owners(before, before.owners(side))
@@ -373,7 +379,7 @@ def places_superseded(store: Store, side: float) -> Points:
     return np.concatenate(places)
 
 
-def blocks_computed(region: Region, before: Kept) -> int:
+def blocks_computed(region: Region, before: SavedBuildings) -> int:
     """Number of blocks whose results differ from those before."""
     before_keys = set(before.store.found(REGIONS, region.shown))
     return sum(entry not in before_keys for entry in region.store.found(REGIONS, region.shown))

@@ -16,7 +16,7 @@ import shapely
 from scipy import ndimage
 from shapely import Polygon
 
-from eaves.buildings.building_file import Kept, SavedBuilding, building_arrays
+from eaves.buildings.building_file import SavedBuilding, SavedBuildings, building_arrays
 from eaves.buildings.edited import CREATED, VERSION, version_of
 from eaves.formats.whole_files import atomic
 from eaves.geometry.components import connected_groups_kernel, members
@@ -78,7 +78,12 @@ class Placed:
 
 
 def name_versions(
-    detected: Kept, before: Kept, owners: Sequence[Block], ended: set[str], date: str | None, gave_way: Points
+    detected: SavedBuildings,
+    before: SavedBuildings,
+    owners: Sequence[Block],
+    ended: set[str],
+    date: str | None,
+    gave_way: Points,
 ) -> tuple[Versions, set[Block]]:
     """Give the buildings their ids and versions, in a layer over those found; what became of them, and the
     owner blocks whose buildings are others than before.
@@ -99,7 +104,7 @@ def name_versions(
         some are can new points confirm a building: where all that it was made of stays, they lie beside it.
     """
     after = detected.store
-    after.keep_only(NAMED, ())
+    after.evict_others(NAMED, ())
     side = owners[0].side if owners else BLOCK_SIDE
     entries = set(before.store.found(BUILDINGS, before.owners(side)))
     same = {name for name, key in after.found(BUILDINGS, owners) if (name, key) in entries}
