@@ -193,7 +193,7 @@ def write_outputs(
     Shown are the blocks but for those that failed, and the buildings of its `owners`. Of `copies`
     (key → file) are the classified points that an earlier run wrote just so.
     """
-    run, store, workers, progress = region.run, region.store, region.workers, region.progress
+    run, store = region.run, region.store
     kept = SavedBuildings(store)
     steps = [name for name in (*EVERYTHING, "steps") if name in run.outputs and name != "report"]
     clock = Clock()
@@ -219,32 +219,8 @@ def write_outputs(
         sink.start(points, len(sizes), sum(sizes))
     if run.classified is None:
         begin_writing(run)
-    written: dict[str, list[Path]] = {}
-    progress("write", 0, len(steps))
-    order = sorted(steps, key=LONGEST_FIRST.index)
-    work = partial(write_output, results=results, sink=sink)
     clock.lap("summary")
-
-    def finish(step: str, answer: Written) -> None:
-        written[step] = answer.files
-        region.failed += answer.failed
-        note(run, answer.files)
-        progress("write", len(written), len(steps))
-
-    for outcome in workers.run(work, order) if workers.started else ():
-        region.peak = max(region.peak, outcome.peak_mb)
-        region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
-        if outcome.answer is not None:
-            if sink is not None and outcome.answer.sink is not None:
-                sink.take_from(outcome.answer.sink)
-            finish(order[outcome.index], outcome.answer)
-    clock.skip()
-    for step in steps:
-        if step not in written:  # what failed in another process is tried here, where its error can be raised
-            with noted_failure(step, region.failed):
-                finish(step, write_output(step, results, sink))
-            clock.lap(f"write {step}")
-
+    written = write_each(region, steps, results, sink, clock)
     files = [path for step in steps for path in written.get(step, ())]
     if "footprints" in written:
         files.append(write_map(run.folder, files, store.system))
@@ -263,6 +239,37 @@ def write_outputs(
         write_run(summary)
         summary = replace(summary, files=(*summary.files, run.folder / MANIFEST))
     return summary
+
+
+def write_each(
+    region: Region, steps: Sequence[str], results: RunResults, sink: PointSink | None, clock: Clock
+) -> dict[str, list[Path]]:
+    """Write some outputs, by all workers at once where there are several; output → its files."""
+    workers, written = region.workers, dict[str, list[Path]]()
+    region.progress("write", 0, len(steps))
+    order = sorted(steps, key=LONGEST_FIRST.index)
+
+    def finish(step: str, answer: Written) -> None:
+        written[step] = answer.files
+        region.failed += answer.failed
+        note(region.run, answer.files)
+        region.progress("write", len(written), len(steps))
+
+    work = partial(write_output, results=results, sink=sink)
+    for outcome in workers.run(work, order) if workers.started else ():
+        region.peak = max(region.peak, outcome.peak_mb)
+        region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
+        if outcome.answer is not None:
+            if sink is not None and outcome.answer.sink is not None:
+                sink.take_from(outcome.answer.sink)
+            finish(order[outcome.index], outcome.answer)
+    clock.skip()
+    for step in steps:
+        if step not in written:  # what failed in another process is tried here, where its error can be raised
+            with noted_failure(step, region.failed):
+                finish(step, write_output(step, results, sink))
+            clock.lap(f"write {step}")
+    return written
 
 
 def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> Path:

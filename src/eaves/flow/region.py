@@ -52,7 +52,7 @@ from eaves.run.partition import (
     partition_slice,
 )
 from eaves.run.points import load_inputs
-from eaves.run.workers import Workers
+from eaves.run.workers import Outcome, Workers
 from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
@@ -146,21 +146,9 @@ def read_points(region: Region) -> None:
         work, workers = partial(work, progress=read_more), Workers()
     unread: dict[int, str] = {}
     for outcome in workers.run(work, tasks):
-        part = todo[outcome.index]
-        region.budget.add("read", outcome.cpu)
-        if outcome.answer is None:
-            region.note(outcome, str(part.path))
-            unread[part.number] = region.failed.pop()
-            continue
-        mark, box = outcome.answer
-        region.parts[part.name] = mark
-        if mark.unread is not None and part.number not in unread:
-            log.error("%s", mark.unread)
-            unread[part.number] = mark.unread
-        if box is not None:
-            region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
+        records = note_part(region, todo[outcome.index], outcome, unread)
         if workers is region.workers:
-            read_more(mark.records)
+            read_more(records)
     for number in unread.keys() - region.unread.keys():
         names_of = [name for name, part in parts.items() if part.number == number]
         records = sum(region.parts[name].records for name in names_of if name in region.parts)
@@ -171,6 +159,23 @@ def read_points(region: Region) -> None:
     region.failed += [region.unread[number] for number in map(int, numbers) if number in region.unread]
     region.points_keys = keys_of_points(region.parts)
     region.budget.step("read")
+
+
+def note_part(region: Region, part: FileSlice, outcome: Outcome, unread: dict[int, str]) -> int:
+    """Note what came of a part of an input, in `unread` why one could not be read; its number of records."""
+    region.budget.add("read", outcome.cpu)
+    if outcome.answer is None:
+        region.note(outcome, str(part.path))
+        unread[part.number] = region.failed.pop()
+        return 0
+    mark, box = outcome.answer
+    region.parts[part.name] = mark
+    if mark.unread is not None and part.number not in unread:
+        log.error("%s", mark.unread)
+        unread[part.number] = mark.unread
+    if box is not None:
+        region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
+    return int(mark.records)
 
 
 def is_in_place(region: Region, part: FileSlice, names: Collection[str] | None) -> bool:
