@@ -34,7 +34,7 @@ def judging_module(name: str) -> Any:
 
 def summary_of(reasons: Iterable[str]) -> str:
     """One line on the tests that lacked a judge; empty where none did."""
-    counts = Counter(reason.split(MISSING)[1].rstrip("')") for reason in reasons if MISSING in reason)
+    counts = Counter(reason.split(MISSING)[1].strip("')") for reason in reasons if MISSING in reason)
     if not counts:
         return ""
     each = ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))

@@ -83,12 +83,12 @@ def test_the_examples_of_the_page_run(page_methods: ModuleType, one_roof_file: P
 
 @pytest.mark.slow
 def test_the_command_imports_a_method_from_its_folder_in_two_processes(
-    one_roof_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_methods(tmp_path / "my_methods.py")
     monkeypatch.chdir(tmp_path)
     words = ("--detect-method", "my_methods:HighAndDense", "--lod", "0", "--jobs", "2")
-    done = run("build", one_roof_file, "-o", "out", *words)
+    done = run("build", nine_roofs_file, "-o", "out", *words)
     assert done.returncode == 0, done.stderr
     assert "9 buildings found" in done.stdout
     assert "the method my_methods:HighAndDense is imported" in done.stderr
@@ -360,13 +360,13 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.mark.slow
 def test_the_template_becomes_a_package_whose_method_is_known_by_name(
-    package: Path, one_roof_file: Path, tmp_path: Path
+    package: Path, nine_roofs_file: Path, tmp_path: Path
 ) -> None:
     assert installed_methods("detect") == {"high_and_dense": "my_detector:HighAndDense"}
     assert installed_methods("ground") == {}
     listed = run("methods", "detect").stdout
     assert "high_and_dense: Cells with many high points" in listed and "[my_detector:HighAndDense]" in listed
-    done = run("build", one_roof_file, "-o", tmp_path / "out", "--detect-method", "high_and_dense")
+    done = run("build", nine_roofs_file, "-o", tmp_path / "out", "--detect-method", "high_and_dense")
     assert done.returncode == 0 and "9 buildings found" in done.stdout, done.stderr
     tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(package / "tests")]
     assert subprocess.run(tests, capture_output=True, cwd=tmp_path).returncode == 0

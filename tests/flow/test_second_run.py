@@ -61,6 +61,7 @@ def test_a_second_run_of_the_same_inputs_needs_no_word(nine_roofs_file: Path, ou
     assert build_again(nine_roofs_file, out).found == 9
 
 
+@pytest.mark.slow
 def test_edits_stay_unless_overwritten(nine_roofs_file: Path, out: Path, tmp_path: Path) -> None:
     with closing(sqlite3.connect(out / "footprints.gpkg")) as layer:
         (name,) = layer.execute("SELECT id FROM footprints").fetchone()

@@ -48,6 +48,7 @@ def test_a_block_with_fewer_points_keeps_all() -> None:
     assert find_thinned((Block(0, 0, 60.0), [records_of(1.05 * ENOUGH_PER_M2)]), None)
 
 
+@pytest.mark.slow
 def test_all_points_of_a_dense_scan_have_their_class_building_and_plane(tmp_path: Path) -> None:
     scene = nine_roofs_on_a_slope(density=1.5 * ENOUGH_PER_M2, noise=0.02)
     path = write_simulation(scene, tmp_path / "scan")["points"]

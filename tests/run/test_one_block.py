@@ -46,6 +46,7 @@ def check_same(tile: Path, folder: Path, names: dict[str, Any], **options: Any) 
         assert [row[column] for row in names["rows"]] == run.footprints[column].tolist()
 
 
+@pytest.mark.slow
 def test_the_loop_gives_the_buildings_of_a_survey(data: Path, tmp_path: Path) -> None:
     tile = data / "misc" / "delft_small.laz"
     check_same(tile, tmp_path, loop_of_the_guide(tile))
