@@ -113,10 +113,8 @@ class AdaptiveTin(Opening, GroundMethod):
       the terrain when the length of its rim that steps down by a `wall` is more than `up_weight` of what goes
       up or to crowns and machines, `void_weight` of that beyond which nothing was measured, and
       `level_weight` of what meets wide terrain level; the widest surface is terrain, and what it reaches
-      follows until nothing changes. The parts of terrain between creases are judged once more: a slope
-      that comes down to a flat part goes up, and a steeper part is reached. Points over the terrain beneath a
-      raised surface, drawn from around it, are never ground; the steps below see them as objects. Not with
-      `seed_cell`.
+      follows until nothing changes. Points over the terrain beneath a raised surface, drawn from around it,
+      are never ground; the steps below see them as objects. Not with `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
@@ -147,7 +145,7 @@ class AdaptiveTin(Opening, GroundMethod):
     than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
     parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through more
     than half of its walls, or where it is wider than `wide_around`; so does a roof dug into a slope, flush
-    with the ground uphill, where no crease closes it off or it is narrower than `window`. A wide low roof
+    with the ground uphill. A wide low roof
     enclosed by higher wings is taken for their court. A terrace that the rim of the data cuts goes where
     nothing stands on it and more than three sevenths of its rim step down, or where it is narrower than
     `window`. A plateau of rock with vertical walls all round goes. A hill narrower than the window goes when
@@ -210,12 +208,6 @@ class AdaptiveTin(Opening, GroundMethod):
     )
     steep: float = parameter(
         0.6, "A facet as steep may hide a break line; a flatter one is extended across it.", ge=0
-    )
-    steepest: float = parameter(
-        1.5,
-        "Steepest terrain: steeper facets are not extended beyond the hull, and more slope adds no "
-        "tolerance.",
-        ge=0,
     )
     looks: int = parameter(
         5,
@@ -309,13 +301,13 @@ class AdaptiveTin(Opening, GroundMethod):
         low = np.concatenate([xyz.take(np.flatnonzero(inserted), axis=0), rim])
         tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(rim), len(low))]))
         waiting_fine, residual = Waiting.of(place[fine]), np.zeros(len(fine))
-        update_residuals(tin, low, waiting_fine, residual, self.steepest)
+        update_residuals(tin, low, waiting_fine, residual)
         tolerance = self.tolerance(median(residual) if len(fine) else 0.0)
         noise = tolerance / self.tolerance_gain
-        insert_residuals(tin, low, waiting_fine, residual, noise, self.steepest)
+        insert_residuals(tin, low, waiting_fine, residual, noise)
         angle = np.radians(self.angle + self.angle_share * spacing)
-        limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise, self.steepest)
+        limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise)
         densify(tin, low, Waiting.of(place[candidates]), limits, self.rounds)
         if emit is not ignore:
             emit("triangles", low[tin.triangles])
-        return near_surface(tin, low, xyz, tolerance, 0.5 * spacing, self.steepest) & ~over
+        return near_surface(tin, low, xyz, tolerance, 0.5 * spacing) & ~over
