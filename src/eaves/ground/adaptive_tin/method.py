@@ -116,9 +116,7 @@ class AdaptiveTin(Opening, GroundMethod):
       follows until nothing changes. Points over the terrain beneath a raised surface, drawn from around it,
       are never ground; the steps below see them as objects. Not with `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
-      pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
-      found in a first pass; heights are moved along it to the centres of their cells. The opening is done
-      twice, so that a roof between roofs is found.
+      pingel2013], up to `window`. The opening is done twice, so that a roof between roofs is found.
     - A piece that the opening took is weighed in the same way: it is terrain again where `level_weight` of
       the rim that meets the ground level is more than what steps down, and `window`. Roofs step down on
       all sides, spurs and high fields do not.
@@ -279,7 +277,7 @@ class AdaptiveTin(Opening, GroundMethod):
         if self.seed_cell is not None:
             seeds = lowest_of_cells(around, self.seed_cell)
         else:
-            seeds = seeds_by_opening(lowest_surface(around, Bounds.of(around), cell, self, over), self)
+            seeds = seeds_by_opening(lowest_surface(around, Bounds.of(around), cell, over), self)
         place = np.full(len(around), EMPTY)
         place[inner] = np.arange(len(inner))
         over, seeds = over.take(inner), place.take(seeds)

@@ -89,17 +89,16 @@ def side_within(bounds: Bounds, side: float, count: int) -> float:
 
 def under_terrain(xyz: Points, low: Mask, side: float, depth: float) -> Mask:
     """Those of the low points (N,) that lie more than `depth` (m) under the terrain that an opening of the
-    others leaves in cells of a side (m); on a slope, under all of it within a cell."""
+    others leaves in cells of a side (m)."""
     others, number = xyz.take(np.flatnonzero(~low), axis=0), np.flatnonzero(low)
     if len(number) == 0 or len(others) == 0:
         return low
     bounds, rules = Bounds.of(xyz), Opening()
     side = side_within(bounds, side, len(xyz))
-    lowest = lowest_surface(others, bounds, side, rules, np.zeros(len(others), bool))
-    terrain, slope = terrain_of(lowest, rules), lowest.slope
-    place = terrain.cell_of(xyz[number])
+    lowest = lowest_surface(others, bounds, side, np.zeros(len(others), bool))
+    terrain = terrain_of(lowest, rules)
     under = np.zeros(len(xyz), bool)
-    under[number] = xyz[number, 2] < terrain.values[place] - depth - slope[place] * side
+    under[number] = xyz[number, 2] < terrain.values[terrain.cell_of(xyz[number])] - depth
     return under
 
 
