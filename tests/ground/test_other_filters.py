@@ -12,9 +12,10 @@ from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.geometry.planes import local_planes
 from eaves.geometry.smooth_surfaces import grow_regions
 from eaves.ground import GroundMethod, classify_ground
-from eaves.ground.contours import Contour, ContourGround
+from eaves.ground.contours import ContourGround
 from eaves.ground.smooth_region import SmoothRegion
 from eaves.model import Bounds, Mask, PointCloud, Raster
+from eaves.raster.contours import Contour
 from eaves.raster.grid import cell_centres, empty_raster
 
 

@@ -12,10 +12,10 @@ from tests.conftest import build_in_blocks, write_laz
 
 import eaves
 from eaves.flow.intermediates import StepMaps, lines_of, split_parts
-from eaves.ground.contours import Contour
 from eaves.methods import resolve_method
 from eaves.model import Bounds, Raster
 from eaves.outline.alpha_shape import AlphaShape
+from eaves.raster.contours import Contour
 from eaves.raster.grid import empty_raster
 from eaves.raster.surfaces import make_scene
 from eaves.recipe.sources import SOURCES

@@ -213,7 +213,7 @@ def write_contours(folder: Path, interval: float) -> Path:
         When the interval is not above 0.
     """
     from eaves.formats.rasters.geotiff import read_raster
-    from eaves.ground.contours import trace_contours
+    from eaves.raster.contours import trace_contours
 
     check_positive(interval, "--contours")
     read_manifest(folder)

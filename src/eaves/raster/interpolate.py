@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.kernels import kernel

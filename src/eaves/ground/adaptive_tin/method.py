@@ -129,9 +129,9 @@ class AdaptiveTin(Opening, GroundMethod):
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
 
-    The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m. The TIN
-    of a block of a run ends `rim_apart` beyond it, as at the edge of data, which changes one point in ten
-    thousand.
+    The reach of a window of `window` is its width, and a chain of joining points adds little: half as much.
+    The TIN of a block of a run ends half a window beyond it, as at the edge of data, which changes one point
+    in ten thousand.
     Roughness and spacing are measured over the whole cloud that is given, which in a run is a square of
     240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for
     within `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m
@@ -165,12 +165,6 @@ class AdaptiveTin(Opening, GroundMethod):
     idea: ClassVar[str] = "A TIN of sure ground points takes in the points that fit it, until none joins."
     paper: ClassVar[str] = "axelsson2000"
 
-    rim_apart: float = parameter(
-        10.0,
-        "Distance between points that predict the terrain; the first stand half as far outside the data.",
-        unit="m",
-        gt=0,
-    )
     rim_nearest: int = parameter(
         32, "Number of nearest sure ground points that define the plane of each.", ge=1
     )
@@ -215,8 +209,14 @@ class AdaptiveTin(Opening, GroundMethod):
     rounds: int = parameter(8, "Maximum number of rounds of densification.", ge=0)
 
     @property
+    def rim_apart(self) -> float:
+        """Distance (m) between points that predict the terrain; the first stand half as far outside the
+        data."""
+        return self.window / 2.0
+
+    @property
     def buffer(self) -> float:
-        return 40.0
+        return self.window + self.rim_apart
 
     def for_scan(self, blur: float, roughness: float) -> Self:
         if blur == 0.0:

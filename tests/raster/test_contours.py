@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.ground.contours import trace_contours
 from eaves.model import Raster
+from eaves.raster.contours import trace_contours
 
 
 def raster(height: np.ndarray, cell: float = 0.5) -> Raster:
