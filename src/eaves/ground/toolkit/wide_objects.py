@@ -51,7 +51,7 @@ class PlateauRules(Method):
     )
     level_weight: float = parameter(4.0, "The same of a metre that meets terrain level.", ge=0)
     window: float = parameter(
-        24.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
+        27.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
     )
 
     @property
