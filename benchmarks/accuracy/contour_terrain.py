@@ -16,7 +16,8 @@ from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Mask, Points, Raster
 from eaves.model.cloud import GROUND
-from eaves.published.ren_fcs.ground import Contour, ContourGround
+from eaves.published.ren_fcs.ground import ContourGround
+from eaves.raster.contours import Contour
 
 COMMAND = "python -m benchmarks.accuracy.contour_terrain"
 SCANS = ("misc/lidR_Topography.laz", "delft/ahn3.laz", "ign_urban/*.laz")

@@ -13,8 +13,9 @@ from eaves.geometry.planes import local_planes
 from eaves.geometry.smooth_surfaces import grow_regions
 from eaves.ground import GroundMethod, classify_ground
 from eaves.model import Bounds, Mask, PointCloud, Raster
-from eaves.published.ren_fcs.ground import Contour, ContourGround
+from eaves.published.ren_fcs.ground import ContourGround
 from eaves.published.xiao2014.smooth_region import SmoothRegion
+from eaves.raster.contours import Contour
 from eaves.raster.grid import cell_centres, empty_raster
 
 

@@ -128,3 +128,9 @@ def contour_kernel(
                 at = following
     starts[lines] = corners
     return places, starts[: lines + 1], closed[:lines]
+
+
+def slopes_at(surface: Raster, xy: NDArray[np.float64]) -> Values:
+    """Rise per metre (N,) of a surface at places (N, 2), over two cells."""
+    rises = [surface.at(xy + step) - surface.at(xy - step) for step in surface.cell * np.eye(2)]
+    return np.asarray(np.hypot(*rises) / (2.0 * surface.cell))

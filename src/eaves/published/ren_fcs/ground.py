@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.neighbours import measure_spacing
@@ -13,16 +12,10 @@ from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.seeds import lowest_of_cells
 from eaves.ground.toolkit.wide_objects import rise_within
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Grid, Mask, PointCloud, Points, Raster, Values
-from eaves.raster.contours import Contour, trace_contours
+from eaves.model import Grid, Mask, PointCloud, Points, Raster
+from eaves.raster.contours import Contour, slopes_at, trace_contours
 from eaves.raster.grid import cell_centres, empty_raster, lowest_points, whole_cells
 from eaves.raster.interpolate import fill_between
-
-
-def slopes_at(surface: Raster, xy: NDArray[np.float64]) -> Values:
-    """Rise per metre (N,) of a surface at places (N, 2), over two cells."""
-    rises = [surface.at(xy + step) - surface.at(xy - step) for step in surface.cell * np.eye(2)]
-    return np.asarray(np.hypot(*rises) / (2.0 * surface.cell))
 
 
 class ContourGround(GroundMethod):
