@@ -26,9 +26,10 @@ test: $(BIN)/eaves
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-all: $(BIN)/eaves
-	$(BIN)/python -m pytest -n auto --dist loadfile -m ""
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "" tests benchmarks/speed/test_work.py
 
 bench: $(BIN)/eaves
+	$(BIN)/python -m pytest benchmarks/speed/test_work.py -m ""
 	$(BIN)/python -m benchmarks
 
 lint: $(BIN)/eaves
@@ -36,9 +37,11 @@ lint: $(BIN)/eaves
 	$(BIN)/ruff format --check src tests benchmarks qgis
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python packaging/prose.py
 
 docs: $(BIN)/eaves
 	$(BIN)/python -m docs.pictures
+	$(BIN)/python -m docs.lighten
 	$(BIN)/python -m docs.build
 
 site: $(BIN)/eaves
@@ -59,7 +62,7 @@ sources: $(BIN)/eaves
 released:
 	sed -i -E "s/install '\.\[/install 'eaves[/g; s/install \.( |$$|\`)/install eaves\1/; s/\`\.\[/\`eaves[/g" \
 	  README.md docs/start.md docs/guides/*.md docs/sources/README.md src/eaves/formats/errors.py
-	sed -i 's/ @ git+https:[^"]*//' docs/tutorials/first_buildings.md
+	sed -i 's/ @ git+https:[^"\\]*//' docs/tutorials/first_buildings.ipynb
 
 # The same kernels beside the sources of this clone; a kernel that is changed is compiled when first called.
 kernels: $(BIN)/eaves

@@ -48,7 +48,8 @@ def keep(
     note: str = "",
     shown: bool = True,
 ) -> Path:
-    """Write the table to results/DATE-name.md with the commit, machine and command; print it if `shown`."""
+    """Write the table to results/DATE-name.md, in place of an earlier one of that name, with the commit,
+    machine and command; print it if `shown`."""
     commit = commit_now()
     cores = os.cpu_count()
     head = (
@@ -59,6 +60,8 @@ def keep(
     if shown:
         print(body)
     RESULTS.mkdir(exist_ok=True)
+    for earlier in RESULTS.glob(f"????-??-??-{name}.md"):
+        earlier.unlink()
     path = RESULTS / f"{datetime.date.today():%Y-%m-%d}-{name}.md"
     path.write_text(body, encoding="utf-8")
     return path

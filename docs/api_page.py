@@ -9,22 +9,30 @@ from typing import Any
 
 from docs.method_pages import linked, split_sections
 
-from eaves.methods import REGISTRY, method_class
+from eaves.methods import REGISTRY, method_class, methods_of
 
 TOPICS = {
-    "run": ("Whole runs", ("report", "flow", "pipeline", "recipe", "methods", "change", "solar")),
+    "run": ("Whole runs", ("report", "flow", "pipeline", "recipe", "methods", "change", "upkeep", "solar")),
     "points": ("Points and ground", ("ground", "raster")),
     "detection": ("Detection, outlines and units", ("detect", "outline", "units")),
     "between": ("Between the stages of a run", ("blocks", "buildings", "footprints", "figures")),
     "models": ("Roofs and solids", ("roof", "reconstruct")),
     "data": ("Data types", ("model",)),
-    "formats": ("Reading and writing", ("formats",)),
+    "formats": ("Reading and writing", ("formats", "exports")),
     "validation": ("Validating", ("validate",)),
     "evaluation": ("Evaluating", ("evaluate",)),
     "simulation": ("Simulating", ("simulate",)),
 }
 """Page → title, and the rooms of the package whose public names it lists."""
-HOMES = ("eaves", "eaves.model", "eaves.formats", "eaves.validate", "eaves.evaluate", "eaves.simulate")
+HOMES = (
+    "eaves",
+    "eaves.model",
+    "eaves.formats",
+    "eaves.exports",
+    "eaves.validate",
+    "eaves.evaluate",
+    "eaves.simulate",
+)
 """The modules with public names, which `__all__` lists; a name stands where it comes first."""
 
 INTRODUCTION = """# API by topic
@@ -36,7 +44,8 @@ These pages are made from the docstrings by `make docs`; the examples run as tes
 
 def api_pages() -> dict[str, str]:
     """Name → text of every page, the list of all names as README.md."""
-    methods = {method_class(stage, name): f"{stage}-{name}" for stage in REGISTRY for name in REGISTRY[stage]}
+    every = [(stage, name) for stage in REGISTRY for name in methods_of(stage)]
+    methods = {method_class(stage, name): f"{stage}-{name}" for stage, name in every}
     entries: dict[str, dict[str, str]] = {page: {} for page in TOPICS}
     index: dict[str, list[str]] = {page: [] for page in TOPICS}
     seen: set[Any] = set()
@@ -47,7 +56,7 @@ def api_pages() -> dict[str, str]:
             if not (inspect.isfunction(thing) or inspect.isclass(thing)) or thing in seen:
                 continue
             seen.add(thing)
-            room = thing.__module__.split(".")[1]
+            room = thing.stage if thing in methods else thing.__module__.split(".")[1]
             page = next(page for page, (_, rooms) in TOPICS.items() if room in rooms)
             if thing in methods:
                 index[page].append(f"[{name}](../methods/{methods[thing]}.md)")

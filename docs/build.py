@@ -17,9 +17,10 @@ from docs.columns_page import columns_page
 from docs.method_pages import method_index, method_page
 from docs.results_page import results_page
 from docs.source_pages import source_page
+from docs.steps_page import steps_page
 
-from eaves.methods import REGISTRY
-from eaves.recipe.sources import SOURCES
+from eaves.methods import REGISTRY, methods_of
+from eaves.recipe.sources import sources
 
 DOCS = Path(__file__).parent
 RESULTS = DOCS.parent / "benchmarks" / "results"
@@ -29,15 +30,16 @@ def reference_pages() -> dict[Path, str]:
     """File (under docs/) → text of every page that the code alone decides."""
     pages = {
         Path("columns.md"): columns_page(),
+        Path("develop/steps.md"): steps_page(),
         Path("reference/methods/README.md"): method_index(),
         **{Path("reference/api") / name: text for name, text in api_pages().items()},
     }
     for name, page in (("conventions.md", conventions_page), ("errors.md", errors_page)):
         pages[Path(name)] = page((DOCS / name).read_text(encoding="utf-8"))
-    for name in ("README", *SOURCES):
+    for name in ("README", *sources()):
         path = Path(f"sources/{name}.md")
         pages[path] = source_page((DOCS / path).read_text(encoding="utf-8"), name, RESULTS)
-    for stage, names in REGISTRY.items():
+    for stage, names in ((stage, methods_of(stage)) for stage in REGISTRY):
         for name in names:
             pages[Path(f"reference/methods/{stage}-{name}.md")] = method_page(stage, name, DOCS)
     return pages

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eaves.model.columns import COLUMNS, LAYERS, Column
+from eaves.formats.columns import COLUMNS, LAYERS, Column
 
 INTRODUCTION = """# Columns
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from docs.citations import citation
 
-from eaves.methods import DEFAULTS, REGISTRY, Method, method_class
+from eaves.methods import DEFAULTS, REGISTRY, Method, method_class, methods_of
 
 HEADING = re.compile(r"(?:^|\s)([A-Z][a-z]+(?: [a-z]+){0,2})\s+-{4,}\s*", re.MULTILINE)
 """A numpydoc heading, also one that a line wrapper has joined to its text."""
@@ -99,7 +99,7 @@ def sentence(text: str) -> str:
 def method_index() -> str:
     """The list of all methods."""
     lines = ["# Methods", "", "Made from the registry by `make docs`. **Bold**: the default of its stage."]
-    for stage, names in REGISTRY.items():
+    for stage, names in ((stage, methods_of(stage)) for stage in REGISTRY):
         lines += ["", f"## {STAGES[stage]}", "", "| method | idea | paper |", "|---|---|---|"]
         for name in names:
             cls = method_class(stage, name)

@@ -1,35 +1,38 @@
-"""Tutorials as executed notebooks: `python -m docs.notebooks [NAME …]` writes `docs/tutorials/NAME.ipynb`.
+"""Tutorials, each a notebook: `python -m docs.notebooks [NAME …]` executes `docs/tutorials/NAME.ipynb`.
 
-A tutorial is the page `docs/tutorials/NAME.md`: its Python blocks are the cells.
+The page of the site is made of the notebook with what its cells gave (`packaging/site_tables.py`).
 """
 
 from __future__ import annotations
 
-import re
 import sys
 import tempfile
 from pathlib import Path
-
-import nbformat
-from nbclient import NotebookClient
+from typing import Any
 
 FOLDER = Path(__file__).parent / "tutorials"
-BLOCK = re.compile(r"```python\n(.*?)```\n?", re.DOTALL)
+KINDS = {"image/png": "![](data:image/png;base64,{})", "text/plain": "```text\n{}\n```"}
+"""What a page shows of an output, the first that is there."""
 
 
-def notebook_of(page: Path) -> nbformat.NotebookNode:
-    """The notebook of a page, not yet executed."""
-    kinds = nbformat.v4.new_markdown_cell, nbformat.v4.new_code_cell
-    parts = enumerate(BLOCK.split(page.read_text(encoding="utf-8")))
-    cells = [kinds[number % 2](part.strip()) for number, part in parts if part.strip()]
-    for number, cell in enumerate(cells):
-        cell["id"] = f"cell-{number}"
-    return nbformat.v4.new_notebook(cells=cells)
+def page_of(notebook: dict[str, Any]) -> str:
+    """A notebook (its JSON) as the Markdown of a page."""
+    parts = []
+    for cell in notebook["cells"]:
+        text = "".join(cell["source"])
+        parts.append(f"```python\n{text}\n```" if cell["cell_type"] == "code" else text)
+        for data in (output.get("data", {}) for output in cell.get("outputs", ())):
+            shown = [form.format("".join(data[kind]).strip()) for kind, form in KINDS.items() if kind in data]
+            parts += shown[:1]
+    return "\n\n".join(parts) + "\n"
 
 
-def execute(page: Path) -> nbformat.NotebookNode:
-    """The notebook of a page with its outputs; raises where a cell does."""
-    notebook = notebook_of(page)
+def execute(path: Path) -> Any:
+    """The notebook with new outputs; raises where a cell does."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
         client = NotebookClient(notebook, kernel_name="python3", resources={"metadata": {"path": folder}})
         client.execute()
@@ -43,10 +46,11 @@ def execute(page: Path) -> nbformat.NotebookNode:
 
 def main() -> None:
     """Execute the tutorials that are named, or all."""
-    names = sys.argv[1:] or sorted(page.stem for page in FOLDER.glob("*.md"))
-    for name in names:
-        path = FOLDER / f"{name}.ipynb"
-        nbformat.write(execute(FOLDER / f"{name}.md"), path)
+    import nbformat
+
+    names = sys.argv[1:] or sorted(path.stem for path in FOLDER.glob("*.ipynb"))
+    for path in (FOLDER / f"{name}.ipynb" for name in names):
+        nbformat.write(execute(path), path)
         sys.stdout.write(f"{path.name} {path.stat().st_size // 1000} kB\n")
 
 

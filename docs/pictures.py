@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from shapely import Polygon
 
-from eaves.methods import REGISTRY, resolve_method
+from eaves.methods import REGISTRY, methods_of, resolve_method
 from eaves.model import Failure, Footprint, Raster
 
 FOLDER = Path(__file__).parent / "images" / "methods"
@@ -230,7 +230,7 @@ def main() -> None:
     matplotlib.use("Agg")
     wanted = sys.argv[1:]
     scenery = make_scenery()
-    for stage, names in REGISTRY.items():
+    for stage, names in ((stage, methods_of(stage)) for stage in REGISTRY):
         for name in names:
             if name in NOT_DRAWN:
                 continue

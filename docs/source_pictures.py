@@ -13,7 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 
 FOLDER = Path(__file__).parent / "images" / "sources"
 SCAN = "vaihingen/strip10.las"
@@ -33,7 +33,7 @@ def draw_source(name: str, path: Path) -> None:
 
 def main() -> None:
     """Draw the sources asked for, or all."""
-    for name in sys.argv[1:] or SOURCES:
+    for name in sys.argv[1:] or sources():
         path = FOLDER / f"{name}.png"
         draw_source(name, path)
         sys.stdout.write(f"{path.name} {path.stat().st_size // 1000} kB\n")

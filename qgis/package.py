@@ -18,9 +18,12 @@ from typing import Any, get_args, get_origin
 
 from typer.models import ArgumentInfo
 
-from eaves.cli import compute, results, time
+from eaves.change.command import compare
+from eaves.cli import compute, results
 from eaves.cli.options import with_signature
-from eaves.methods import DEFAULTS, REGISTRY, Method, method_class
+from eaves.exports.command import export
+from eaves.methods import DEFAULTS, REGISTRY, Method, method_class, methods_of
+from eaves.solar.command import solar
 
 PLUGIN = Path(__file__).parent / "eaves"
 FIXED_DATE = (1980, 1, 1, 0, 0, 0)
@@ -34,11 +37,11 @@ COMMANDS = {
 """The commands that are tools, with title and outputs."""
 ON_RESULTS = {
     "validate": (results.validate, "Validate results", []),
-    "export": (results.export, "Export results", ["CONTOURS"]),
-    "solar": (results.solar, "Sunlight on roofs", ["SOLAR"]),
-    "compare": (time.compare, "Compare two epochs", ["CHANGE"]),
+    "export": (export, "Export results", ["CONTOURS"]),
+    "solar": (solar, "Sunlight on roofs", ["SOLAR"]),
+    "compare": (compare, "Compare two epochs", ["CHANGE"]),
     "update": (
-        time.update,
+        compute.update,
         "Update results with new points",
         ["FOOTPRINTS", "ROOF_PLANES", "MODELS", "PROJECT"],
     ),
@@ -94,7 +97,7 @@ def make_forms() -> dict[str, Any]:
         fields = [field_of(option, name) for option in given if option.name not in LEFT_OUT - {"inputs"}]
         made = tool(name, title, "Results", inspect.getdoc(command) or "", name, fields, outputs)
         tools.append(made | {"points": False, "out": name in ("compare", "update")})
-    for stage, methods in REGISTRY.items():
+    for stage, methods in ((stage, methods_of(stage)) for stage in REGISTRY):
         for name in methods:
             cls = method_class(stage, name)
             command = OF_STAGE[stage]
@@ -152,9 +155,9 @@ def field_of(option: inspect.Parameter, command: str) -> dict[str, Any]:
     types = get_args(annotation) if get_origin(annotation) else (annotation,)
     if name.endswith("method"):
         stage = command if name == "method" else name.removesuffix("_method")
-        choices, default = list(REGISTRY[stage]), DEFAULTS[stage]
+        choices, default = list(methods_of(stage)), DEFAULTS[stage]
     elif name == "units":
-        choices, default = [*REGISTRY[name], "off"], DEFAULTS[name]
+        choices, default = [*methods_of(name), "off"], DEFAULTS[name]
     if choices:
         kind = "choice"
     elif bool in types:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +18,29 @@ from eaves.flow.run import Progress, no_progress, open_run
 from eaves.model.summary import Summary
 from eaves.pipeline import Correction, build_run, end_run, hold_folder, no_correction
 from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
+from tests.judges import summary_of
+
+
+@pytest.fixture(scope="session")
+def one_roof_file(nine_roofs_file: Path) -> Path:
+    """One house of that file, where it is the folder or the command that is tested."""
+    path = nine_roofs_file.with_name("one.laz")
+    las = laspy.read(nine_roofs_file)
+    near = (las.x < las.header.mins[0] + HOUSE) & (las.y < las.header.mins[1] + HOUSE)
+    las.points = las.points[near]
+    las.write(path)
+    return path
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Say in one line which independent judges were not there."""
+    skipped = terminalreporter.stats.get("skipped", ())
+    if line := summary_of(str(report.longrepr) for report in skipped):
+        terminalreporter.write_line(line)
+
+
+HOUSE = 35.0
+"""Metres between the houses of the nine."""
 
 
 @pytest.fixture(scope="session")
@@ -52,6 +76,13 @@ def nine_roofs_file(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFac
     order = np.random.default_rng(5).permutation(len(nine_roofs.cloud))
     write_laz(path, (nine_roofs.cloud.xyz + [85000.0 - 85000.0 % 240, 447120.0, 0.0])[order])
     return path
+
+
+def but_first(cases: Iterable[Any], count: int = 1) -> list[Any]:
+    """The cases of a law, all but the first `count` slow: these stand for the others in `make test`."""
+    listed = list(cases)
+    rest = [one if isinstance(one, tuple) else (one,) for one in listed[count:]]
+    return [*listed[:count], *(pytest.param(*one, marks=pytest.mark.slow) for one in rest)]
 
 
 def build_in_blocks(

@@ -38,7 +38,27 @@ def test_conda_recipe_asks_for_what_pip_asks_for() -> None:
 def test_every_page_is_on_the_site() -> None:
     listed = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text("utf-8")))
     pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
-    assert listed == pages
+    tutorials = {f"tutorials/{path.stem}.md" for path in (ROOT / "docs" / "tutorials").glob("*.ipynb")}
+    assert listed == pages | tutorials
+
+
+def test_lowest_versions_are_the_bounds_of_all_requirements__of_several_the_strictest() -> None:
+    script = ROOT / "packaging" / "lowest.py"
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    asked = {(name, least) for name, least in requirements().items() if least and name != "python"}
+    assert {f"{name}=={least}" for name, least in asked} <= set(lines) and len(lines) == len(set(lines))
+    assert "trimesh==4.4" in lines  # of two extras that name it
+
+
+def test_workflows_pin_their_actions_end_in_time_and_may_not_write() -> None:
+    for path in (ROOT / ".github" / "workflows").glob("*.yml"):
+        text = path.read_text("utf-8")
+        assert not re.search(r"run: [^'\"|\n]*: ", text), f"{path.name}: a command with a colon wants quotes"
+        used = re.findall(r"uses: (\S+)", text)
+        assert used and all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", action) for action in used), path.name
+        assert text.count("timeout-minutes:") == text.count("runs-on:"), path.name
+        assert "\npermissions:\n  contents: read\n" in text, path.name
 
 
 def test_the_core_needs_no_plotting_library() -> None:
@@ -49,7 +69,7 @@ def test_the_core_needs_no_plotting_library() -> None:
         "        if name.split('.')[0] in ('matplotlib', 'PIL', 'distributed', 'pandas'):\n"
         "            raise ImportError(name)\n"
         "sys.meta_path.insert(0, Missing())\n"
-        "import eaves.pipeline, eaves.report.build, eaves.cli.app, eaves.formats.models.obj\n"
+        "import eaves.pipeline, eaves.report.build, eaves.cli.app, eaves.exports.obj\n"
         "import eaves.flow.results\n"
         "eaves.build, eaves.read\n"
         "assert 'scipy.stats' not in sys.modules, 'half a second of every start, for one distribution'\n"

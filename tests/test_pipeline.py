@@ -38,6 +38,7 @@ def test_all_nine_roofs_are_found_where_they_are(whole: Path, nine_roofs: ExactS
         assert overlap > 0.85, building.kind
 
 
+@pytest.mark.slow
 def test_files_cut_elsewhere_and_points_shuffled_change_nothing(
     whole: Path, nine_roofs_file: Path, tmp_path: Path
 ) -> None:

@@ -119,18 +119,6 @@ TIN = "ground.adaptive_tin.method:"
 SEEDS = "ground.toolkit.seeds:"
 GROUND = (
     of("ground", "wide objects", 5, {f"{TIN}AdaptiveTin.find_wide_objects": lambda *_: None}),
-    of("ground", "pits", 4, {"ground.toolkit.floor:without_pits": lambda heights, _: heights}),
-    of(
-        "ground",
-        "creases",
-        0,
-        {
-            "ground.toolkit.wide_objects:part_at_creases": lambda z, whole, *_: (
-                np.asarray(whole, np.int32),
-                np.zeros_like(z),
-            )
-        },
-    ),
     of("ground", "rims that go up", 1, {"ground.up_weight": 0.0}),
     of("ground", "rims to void", 1, {"ground.void_weight": 0.0}),
     of("ground", "rims level", 1, {"ground.level_weight": 0.0}),
@@ -157,14 +145,7 @@ GROUND = (
     of("ground", "mirror", 1, {"ground.steep": NEVER}),
     of("ground", "looks", 1, {"ground.looks": 1}),
     of("ground", "angle by spacing", 1, {"ground.angle_share": 0.0}),
-    of("ground", "slant", 0, {f"{TIN}near_surface": lambda *given: near_surface(*given[:4], 0.0, given[5])}),
-    of("ground", "steepest", 1, {"ground.steepest": NEVER}),
-    of(
-        "ground",
-        "slope in the opening",
-        0,
-        {f"{SEEDS}slopes_of": lambda low, _: (np.zeros([-(-n // 2) for n in low.shape], np.float32),) * 2},
-    ),
+    of("ground", "slant", 0, {f"{TIN}near_surface": lambda *given: near_surface(*given[:4], 0.0)}),
     of("ground", "tolerance by roughness", 2, {"ground.tolerance_gain": 0.0, "ground.tolerance_least": 0.2}),
     of("ground", "rounds", 1, {"ground.rounds": 10**6}),
     of("ground", "distance", 1, {"ground.distance_share": NEVER}),

@@ -14,9 +14,10 @@ import numpy as np
 from benchmarks.table import keep
 from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing
-from eaves.ground.contours import Contour, ContourGround
 from eaves.model import Mask, Points, Raster
 from eaves.model.cloud import GROUND
+from eaves.published.ren_fcs.ground import ContourGround
+from eaves.raster.contours import Contour
 
 COMMAND = "python -m benchmarks.accuracy.contour_terrain"
 SCANS = ("misc/lidR_Topography.laz", "delft/ahn3.laz", "ign_urban/*.laz")

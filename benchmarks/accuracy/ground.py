@@ -11,8 +11,10 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Literal
@@ -28,10 +30,10 @@ from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.contours import ContourGround
-from eaves.ground.smooth_region import SmoothRegion
 from eaves.ground.toolkit.doubts import doubts_within
-from eaves.model import Mask, PointCloud, Points
+from eaves.model import GROUND, Mask, PointCloud, Points
+from eaves.published.ren_fcs.ground import ContourGround
+from eaves.published.xiao2014.smooth_region import SmoothRegion
 from eaves.raster.grid import cell_centres, whole_cells
 from eaves.raster.surfaces import make_dtm
 from eaves.simulate.scanner import scan_town
@@ -58,7 +60,9 @@ OTHERS: dict[str, list[float | None]] = {
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
 PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
+SMRF = "SMRF, five numbers"
 LEFT_OUT = {
+    "window": (20.0, 24.0, 27.0),
     "object_slope": (0.06, 0.1, 0.14),
     "distance_share": (0.65, 0.85),
     "level_weight": (2.0, 4.0),
@@ -67,6 +71,7 @@ LEFT_OUT_PLACES = 3
 """Numbers that are chosen anew without each sample, and places of which the mean is taken."""
 RULES_TOWNS, RULES_SEED = 3, 407
 """Unseen towns, each scanned twice, and the scan of the drawn kinds, on which each rule is switched off."""
+Filter = Callable[[PointCloud], PointCloud]
 PATCH_M2 = 4.0
 """Smaller patches of wrong ground are not asked of doubts."""
 
@@ -282,7 +287,7 @@ def judge_command(data: Path) -> None:
                 "mean of places %": float(np.mean(moved)),
                 "best place %": min(moved),
                 "worst place %": max(moved),
-                "SMRF, five numbers %": 100.0 * float(np.mean(ground_by_smrf(xyz) != truth)),
+                f"{SMRF} %": 100.0 * float(np.mean(ground_by_smrf(xyz) != truth)),
             }
         )
     here, places, worst = (
@@ -298,11 +303,16 @@ def judge_command(data: Path) -> None:
     keep("ground-command", "Ground: by the command", rows, f"{COMMAND} --command", note)
 
 
-def error_over_places(sample: Sample, method: GroundMethod) -> float:
+def by_smrf(cloud: PointCloud) -> PointCloud:
+    """The cloud with ground by SMRF with one set of five numbers."""
+    return cloud.with_(classification=np.where(ground_by_smrf(cloud.xyz), GROUND, 1).astype(np.uint8))
+
+
+def error_over_places(sample: Sample, find: Filter) -> float:
     """Mean total error of a sample at the first places of the command."""
     shifts = np.random.default_rng(PLACES_SEED).uniform(0.0, 240.0, (LEFT_OUT_PLACES, 2))
     clouds = (PointCloud.from_world(sample.cloud.world + [*shift, 0.0]) for shift in shifts)
-    return float(np.mean([total_error(sample, classify_ground(cloud, method).ground) for cloud in clouds]))
+    return float(np.mean([total_error(sample, find(cloud).ground) for cloud in clouds]))
 
 
 def judge_left_out(data: Path) -> None:
@@ -311,9 +321,9 @@ def judge_left_out(data: Path) -> None:
     sets = [dict(zip(LEFT_OUT, values, strict=True)) for values in product(*LEFT_OUT.values())]
     errors = np.empty((len(sets), len(samples)))
     for row, numbers in enumerate(sets):
-        method = AdaptiveTin(**numbers)
+        find = partial(classify_ground, method=AdaptiveTin(**numbers))
         for column, sample in enumerate(samples.values()):
-            errors[row, column] = error_over_places(sample, method)
+            errors[row, column] = error_over_places(sample, find)
     rows: list[dict[str, object]] = []
     for column, name in enumerate(samples):
         chosen = int(np.argmin(np.delete(errors, column, axis=1).mean(axis=1)))
@@ -323,6 +333,7 @@ def judge_left_out(data: Path) -> None:
                 "sample": name,
                 "left out %": errors[chosen, column],
                 "best for it %": errors[:, column].min(),
+                f"{SMRF} %": total_error(samples[name], ground_by_smrf(samples[name].cloud.xyz)),
                 "set chosen by the others": words,
             }
         )
@@ -337,7 +348,7 @@ def judge_left_out(data: Path) -> None:
 def judge_rules(data: Path) -> None:
     """Errors of everything with each rule of the ground switched off."""
     from benchmarks.accuracy.ablation import target_of
-    from benchmarks.accuracy.ablation_rules import GROUND
+    from benchmarks.accuracy.ablation_rules import GROUND as RULES
     from benchmarks.accuracy.ground_kinds import DENSITIES, KINDS, scan
     from benchmarks.accuracy.ground_towns import UNSEEN, draw_all, judge
 
@@ -346,23 +357,23 @@ def judge_rules(data: Path) -> None:
     delft, towns = read_las(data / "delft" / "ahn3.laz"), list(draw_all(UNSEEN[:RULES_TOWNS]))
     kinds = [scan(kind, density, RULES_SEED) for kind, density in product(KINDS, DENSITIES)]
     rows: list[dict[str, object]] = []
-    for label, off in [("none", {}), *((rule.name, rule.off) for rule in GROUND)]:
+    for label, off in [("none", {}), (SMRF, {}), *((rule.name, rule.off) for rule in RULES)]:
         moved = {name.split(".")[1]: value for name, value in off.items() if ":" not in name}
         with ExitStack() as patches:
             for name, value in off.items():
                 if ":" in name:
                     patches.enter_context(patch.object(*target_of(name), value))
-            method = AdaptiveTin(**moved)
-            errors = [error_over_places(sample, method) for sample in samples.values()]
-            drawn = [judge(town, classify_ground(town.cloud, method)) for town in towns]
-            pairs = [(classify_ground(cloud, method).ground, truth) for cloud, truth in kinds]
+            find = by_smrf if label == SMRF else partial(classify_ground, method=AdaptiveTin(**moved))
+            errors = [error_over_places(sample, find) for sample in samples.values()]
+            drawn = [judge(town, find(town.cloud)) for town in towns]
+            pairs = [(find(cloud).ground, truth) for cloud, truth in kinds]
             rows.append(
                 {
                     "off": label,
                     "ISPRS %": float(np.mean(errors)),
                     "worst %": float(np.max(errors)),
                     **{
-                        f"{name} %": total_error(one, classify_ground(one.cloud, method).ground, (9, 26))
+                        f"{name} %": total_error(one, find(one.cloud).ground, (9, 26))
                         for name, one in {**crops, "Delft": delft}.items()
                     },
                     **{

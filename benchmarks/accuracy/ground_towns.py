@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.accuracy.ground import METHODS, doubt_figures
+from benchmarks.accuracy.ground import METHODS, SMRF, by_smrf, doubt_figures
 from benchmarks.accuracy.old_town import NODES_M, simulate_old_town
 from benchmarks.table import keep
 from eaves.ground import classify_ground
@@ -123,6 +123,7 @@ def filters(rivals: bool) -> dict[str, Callable[[PointCloud], PointCloud]]:
     found: dict[str, Callable[[PointCloud], PointCloud]] = {
         name: partial(classify_ground, method=METHODS[name]) for name in names
     }
+    found[SMRF] = by_smrf
     if rivals and importlib.util.find_spec("CSF"):
         found |= {f"CSF, rigidness {k}": partial(by_csf, rigidness=k) for k in (1, 2, 3)}
     return found

@@ -29,10 +29,10 @@ from eaves.model import BuildingModel, Footprint, Points, RoofPlane
 from eaves.model.building import ROOF_SURFACE
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.outline.global_fit import GlobalFit
+from eaves.published.maas_vosselman.moments import Moments
+from eaves.published.xiao2014.plane_intersection import PlaneIntersection
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.plane_intersection import PlaneIntersection
 from eaves.reconstruct.prism import Prism
 from eaves.roof import segment_roof
 from eaves.roof.global_refinement import GlobalRefinement

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from benchmarks.table import keep
 from eaves.model import BuildingModel, Failure, Footprint, Points
-from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
-from eaves.reconstruct.moments.invariants import ClosedForm
+from eaves.published.maas_vosselman.moments import Moments
+from eaves.published.maas_vosselman.moments.building import ParametricBuilding, fit_building
+from eaves.published.maas_vosselman.moments.invariants import ClosedForm
 
 COMMAND = "python -m benchmarks.accuracy.moments"
 HOUSES = 200

@@ -21,9 +21,9 @@ from benchmarks.accuracy.roof import delft_roofs
 from benchmarks.table import keep
 from eaves.geometry.rings import as_polygon
 from eaves.model import Failure, Footprint, Points
-from eaves.reconstruct.maas_vosselman import MaasVosselman, Primitive, cut_plan
-from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import ParametricBuilding, rectangle_around
+from eaves.published.maas_vosselman.moments import Moments
+from eaves.published.maas_vosselman.moments.building import ParametricBuilding, rectangle_around
+from eaves.published.maas_vosselman.reconstruction import MaasVosselman, Primitive, cut_plan
 from eaves.reconstruct.toolkit.evidence import seen_roof
 
 COMMAND = "python -m benchmarks.accuracy.moments_chain"

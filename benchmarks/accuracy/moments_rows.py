@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.roof import delft_roofs
 from benchmarks.table import keep
 from eaves.model import Points, RoofPlane
-from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
-from eaves.reconstruct.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
+from eaves.published.maas_vosselman.moments.building import ParametricBuilding, fit_building
+from eaves.published.maas_vosselman.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
 from eaves.roof import segment_roof
 
 COMMAND = "python -m benchmarks.accuracy.moments_rows"

@@ -26,11 +26,11 @@ from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import classify_ground
 from eaves.model import Points, RoofPlane
+from eaves.published.maas_vosselman.tin_faces import TinFaces
 from eaves.raster.surfaces import make_scene
 from eaves.roof import RoofMethod, segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.roof.region_growing import RegionGrowing
-from eaves.roof.tin_faces import TinFaces
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.roofs import nine_roofs_on_a_slope
 from eaves.simulate.scanner import Scanner, scan_town

@@ -38,10 +38,10 @@ from eaves.evaluate.matching import SMALLEST
 from eaves.evaluate.models import evaluate_models
 from eaves.model import Raster
 from eaves.model.cloud import BUILDING, GROUND
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 
 COMMAND = "python -m benchmarks.accuracy.sources"
-CHAINS = ("default", *SOURCES)
+CHAINS = ("default", *sources())
 SETS: dict[str, tuple[str, ...]] = {
     "delft": ("delft/ahn3.laz",),
     "delft, footprints": ("delft/ahn3.laz",),
@@ -288,7 +288,7 @@ def measure(
         if name not in NO_TRUTH and "footprints" not in name:
             row |= against_classes(data, name, out) | against_objects(data, name, out)
             row |= ground_error(data, name, out)
-        if name not in NO_TRUTH and (chain == "default" or SOURCES[chain].lod > "0"):
+        if name not in NO_TRUTH and (chain == "default" or sources()[chain].lod > "0"):
             row |= against_roofs(data, name, out)
         row |= of_models(out) | {"bodies without outline": bodies_without_outline(out)}
         row |= {"building points under 2 m": low_share(out)}

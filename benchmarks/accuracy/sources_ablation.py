@@ -20,7 +20,7 @@ from eaves.methods import resolve_method
 from eaves.model import PointCloud, Scene
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 
 COMMAND = "python -m benchmarks.accuracy.sources_ablation"
 SETS = {"delft": "delft/ahn3.laz", "ign_urban": "ign_urban/*.laz", "wooded hill": "misc/lidR_Topography.laz"}
@@ -55,7 +55,7 @@ def score(name: str, ground: GroundMethod, detector: Detector) -> tuple[NDArray[
 def main() -> None:
     """Print and keep the table."""
     rows: list[dict[str, object]] = []
-    for source in SOURCES.values():
+    for source in sources().values():
         for where, step, off in (("", "nothing", {}), *source.steps):
             made = {
                 stage: resolve_method(

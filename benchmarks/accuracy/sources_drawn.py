@@ -31,7 +31,7 @@ from eaves.model.scene import NOISE, ROOF, TREE, WALL
 from eaves.pipeline import build
 from eaves.raster.surfaces import make_scene
 from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 
 COMMAND = "python -m benchmarks.accuracy.sources_drawn"
 SEEDS = (9401, 9402, 9403, 9404, 9405)
@@ -141,7 +141,7 @@ def chain_rows(towns: list[Path], folder: Path, chains: list[str]) -> list[Row]:
 def main() -> None:
     """Print and keep the two tables."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--chains", nargs="+", choices=SOURCES, default=list(SOURCES), metavar="NAME")
+    options.add_argument("--chains", nargs="+", choices=sources(), default=list(sources()), metavar="NAME")
     chosen = options.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

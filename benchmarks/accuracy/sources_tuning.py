@@ -26,7 +26,7 @@ from eaves.methods import Method, method_class
 from eaves.model import BuildingModel, Raster
 from eaves.pipeline import model_buildings
 from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import SOURCES, PublishedSource
+from eaves.recipe.sources import PublishedSource, sources
 
 COMMAND = "python -m benchmarks.accuracy.sources_tuning"
 SET = "amsterdam, blind"
@@ -87,7 +87,7 @@ class Reference:
         raster = Raster(np.zeros(self.shape, np.float32), *self.corner, 0.5)
         got = burn_labels([one.footprint.world for one in found], raster)[self.row, self.column] > 0
         iou = float((got & self.true).sum() / (got | self.true).sum())
-        if SOURCES[source].lod == "0":
+        if sources()[source].lod == "0":
             return iou, np.nan, len(found)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "buildings.city.jsonl"
@@ -125,7 +125,7 @@ def row_of(
     row: Row = {"source": source.name, "stage": stage, "parameter": name, "value / less / more": values}
     row |= {"IoU, less / more": " / ".join(f"{one:.4f}" for one in ious)}
     row |= {"largest change of IoU": float(max(abs(one - plain[0]) for one in ious))}
-    models = SOURCES[source.name].lod > "0"
+    models = sources()[source.name].lod > "0"
     row |= {RMSE: " / ".join(f"{one:.3f}" for one in errors) if models else None}
     row |= {"largest change of RMSE m": float(max(abs(one - plain[1]) for one in errors)) if models else None}
     return row | {"buildings": " / ".join(map(str, counts))}
@@ -149,19 +149,19 @@ def summary_of(name: str, rows: list[Row]) -> Row:
 def main() -> None:
     """Print and keep the table; rows of chains that are not run are those of the newest one."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--chains", nargs="+", choices=SOURCES, default=list(SOURCES), metavar="NAME")
+    options.add_argument("--chains", nargs="+", choices=sources(), default=list(sources()), metavar="NAME")
     chosen = options.parse_args()
     reference = Reference(Path(os.environ["EAVES_DATA"]))
     rows: list[Row] = []
-    for name in SOURCES:
+    for name in sources():
         if name in chosen.chains:
-            for row in rows_of(SOURCES[name], reference):
+            for row in rows_of(sources()[name], reference):
                 print(row, flush=True)
                 rows.append(row)
         else:
             rows += [row for row in kept_rows("sources-tuning") if row["source"] == name]
     rows = [row for row in rows if row["stage"] != "all"]
-    rows = [summary_of(name, rows) for name in SOURCES if name in {row["source"] for row in rows}] + rows
+    rows = [summary_of(name, rows) for name in sources() if name in {row["source"] for row in rows}] + rows
     keep("sources-tuning", "Tuning", rows, COMMAND, NOTE)
 
 

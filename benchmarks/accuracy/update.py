@@ -23,14 +23,14 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.scale.identical import write_part
-from eaves.change.upkeep.kept import open_again
-from eaves.change.upkeep.update import Updated, update
-from eaves.change.upkeep.versions import lines_of
 from eaves.formats import read_polygons
 from eaves.model.cloud import GRID_STEP
 from eaves.pipeline import build
 from eaves.run.store import Store
 from eaves.simulate import Survey, later_survey, simulate_epochs, write_simulation
+from eaves.upkeep.kept import open_again
+from eaves.upkeep.update import Updated, update
+from eaves.upkeep.versions import lines_of
 
 SEED, AREA_KM2, DENSITIES = 9301, 0.5, (4.0, 5.0)
 TILE_M = 250.0

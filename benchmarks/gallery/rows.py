@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 
 from benchmarks.accuracy.moments_rows import RowHouse, row_houses
 from benchmarks.gallery.solids import FOLDER, save_small
-from eaves.reconstruct.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
+from eaves.published.maas_vosselman.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
 
 
 def draw_section(axes: Axes, house: RowHouse) -> None:

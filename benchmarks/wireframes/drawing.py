@@ -15,10 +15,10 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from eaves.formats.atomic import atomic
+from eaves.exports.dxf import DECIMALS, turning_corners
 from eaves.formats.crs import describe_system
 from eaves.formats.models.cityjson_read import read_models
-from eaves.formats.models.dxf import DECIMALS, turning_corners
+from eaves.formats.whole_files import atomic
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.tolerance import COORDINATE_STEP

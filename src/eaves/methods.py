@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import cache
-from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from eaves.extensions import METHODS, imported, installed
 from eaves.model.checks import describe
 
 Emit = Callable[[str, Any], None]
@@ -179,7 +178,7 @@ class Method(BaseModel):
     def address(self) -> str:
         """The name by which it can be made again (`resolve_method`): ours, or `module:Class`."""
         cls = type(self)
-        return self.name if self.name in REGISTRY[self.stage] else f"{cls.__module__}:{cls.__qualname__}"
+        return self.name if self.name in methods_of(self.stage) else f"{cls.__module__}:{cls.__qualname__}"
 
     @property
     def buffer(self) -> float:
@@ -233,42 +232,26 @@ DEFAULTS: dict[str, str] = {
 }
 
 REGISTRY: dict[str, dict[str, str]] = {
-    "ground": {
-        "adaptive_tin": "eaves.ground.adaptive_tin:AdaptiveTin",
-        "smooth_region": "eaves.ground.smooth_region:SmoothRegion",
-        "contours": "eaves.ground.contours:ContourGround",
-    },
+    "ground": {"adaptive_tin": "eaves.ground.adaptive_tin:AdaptiveTin"},
     "detect": {
-        "planar_patches": "eaves.detect.planar_patches:PlanarPatches",
         "consensus": "eaves.detect.consensus:Consensus",
-        "contours": "eaves.detect.contours:Contours",
-        "roof_attributes": "eaves.detect.roof_attributes:RoofAttributes",
-        "height_texture": "eaves.detect.height_texture:HeightTexture",
-        "normal_echo": "eaves.detect.normal_echo:NormalEcho",
         "given_classes": "eaves.detect.given_classes:GivenClasses",
     },
     "outline": {
         "alpha_shape": "eaves.outline.alpha_shape:AlphaShape",
         "global_fit": "eaves.outline.global_fit:GlobalFit",
-        "ransac_lines": "eaves.outline.ransac_lines:RansacLines",
     },
-    "units": {
-        "row_walls": "eaves.units.row_walls:RowWalls",
-    },
+    "units": {"row_walls": "eaves.units.row_walls:RowWalls"},
     "roof": {
         "region_growing": "eaves.roof.region_growing:RegionGrowing",
         "global_refinement": "eaves.roof.global_refinement:GlobalRefinement",
-        "tin_faces": "eaves.roof.tin_faces:TinFaces",
     },
     "reconstruct": {
         "prism": "eaves.reconstruct.prism:Prism",
-        "moments": "eaves.reconstruct.moments:Moments",
-        "maas_vosselman": "eaves.reconstruct.maas_vosselman:MaasVosselman",
-        "plane_intersection": "eaves.reconstruct.plane_intersection:PlaneIntersection",
         "arrangement": "eaves.reconstruct.arrangement:Arrangement",
     },
 }
-"""Stage → name → where the class is. A new method is one line here and one file there."""
+"""Stage → name → where the class is, of the core's methods; installed packages bring others."""
 
 CONTRACTS: dict[str, tuple[str, ...]] = {
     "ground": ("eaves.ground:GroundMethod", "ground_mask"),
@@ -279,8 +262,6 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "reconstruct": ("eaves.reconstruct:Reconstructor", "model"),
 }
 """Stage → where its contract is, and the functions that a method must define."""
-GROUP = "eaves.methods"
-"""The group of entry points by which installed packages bring methods, each as `stage.name`."""
 
 
 class ContractError(TypeError):
@@ -393,7 +374,7 @@ def check_contract(stage: str, cls: type[Any]) -> None:
     >>> check_contract("detect", eaves.Consensus)
     """
     place, *functions = CONTRACTS[stage]
-    contract = _imported(place)
+    contract = imported(place)
     method = f"{stage} method {getattr(cls, '__qualname__', cls)}"
     if not (isinstance(cls, type) and issubclass(cls, contract)):
         raise ContractError(f"{method} must be a subclass of {contract.__name__}; see {place}")
@@ -406,21 +387,9 @@ def check_contract(stage: str, cls: type[Any]) -> None:
         raise ContractError(
             f"{method} needs {', '.join(cls.needs)}, which only ground and detect methods are given"
         )
-    ours = REGISTRY[stage].get(cls.name)
-    if ours is not None and _imported(ours) is not cls:
+    ours = methods_of(stage).get(cls.name)
+    if ours is not None and imported(ours) is not cls:
         raise ContractError(f"{method} has the name of another, '{cls.name}'; give it one of its own")
-
-
-def _imported(place: str) -> Any:
-    """The object at `module:name`; a ValueError of one line where it cannot be imported."""
-    module, _, name = place.partition(":")
-    try:
-        return getattr(import_module(module), name)
-    except Exception as error:  # whatever a module raises as it is imported
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(
-            f"{place!r} cannot be imported ({reason}); write module:Class of a module on Python's path"
-        ) from error
 
 
 def installed_methods(stage: str) -> dict[str, str]:
@@ -444,18 +413,40 @@ def installed_methods(stage: str) -> dict[str, str]:
     Examples
     --------
     >>> from eaves.methods import installed_methods
-    >>> sorted(installed_methods("roof"))
+    >>> sorted(installed_methods("units"))
     []
     """
-    places: dict[str, str] = {}
-    for point in entry_points(group=GROUP):
-        of, _, name = point.name.partition(".")
-        if of == stage and places.setdefault(name, point.value) != point.value:
-            raise ValueError(
-                f"{stage} method {name!r} is in two packages, as {places[name]} and {point.value}; "
-                "write module:Class, or uninstall one"
-            )
-    return places
+    names = {name.partition("."): place for name, place in installed(METHODS).items()}
+    return {name: place for (of, _, name), place in names.items() if of == stage}
+
+
+def methods_of(stage: str) -> dict[str, str]:
+    """All methods of a stage: the core's, and those that installed packages bring.
+
+    Parameters
+    ----------
+    stage : str
+        `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
+
+    Returns
+    -------
+    dict of str to str
+        Name → `module:Class`; nothing is imported.
+
+    Raises
+    ------
+    ValueError
+        When there is no such stage, or two packages bring methods of one name.
+
+    Examples
+    --------
+    >>> from eaves.methods import methods_of
+    >>> sorted(methods_of("units"))
+    ['row_walls']
+    """
+    if stage not in REGISTRY:
+        raise ValueError(f"unknown stage {stage!r}; choose one of: {', '.join(REGISTRY)}")
+    return {**REGISTRY[stage], **installed_methods(stage)}
 
 
 def method_class(stage: str, name: str) -> type[Method]:
@@ -466,8 +457,7 @@ def method_class(stage: str, name: str) -> type[Method]:
     stage : str
         `ground`, `detect`, `outline`, `units`, `roof` or `reconstruct`.
     name : str
-        A name in `REGISTRY[stage]`, that of an installed method (`installed_methods`), or `module:Class`,
-        which is imported.
+        A name in `methods_of(stage)`, or `module:Class`, which is imported.
 
     Returns
     -------
@@ -488,14 +478,11 @@ def method_class(stage: str, name: str) -> type[Method]:
     >>> method_class("ground", "adaptive_tin").__name__
     'AdaptiveTin'
     """
-    ours = REGISTRY.get(stage)
-    if ours is None:
-        raise ValueError(f"unknown stage {stage!r}; choose one of: {', '.join(REGISTRY)}")
-    place = ours.get(name) or (name if ":" in name else installed_methods(stage).get(name))
+    places = methods_of(stage)
+    place = places.get(name) or (name if ":" in name else None)
     if place is None:
-        names = ", ".join({**ours, **installed_methods(stage)})
-        raise ValueError(f"unknown {stage} method {name!r}; choose one of: {names}")
-    cls: type[Method] = _imported(place)
+        raise ValueError(f"unknown {stage} method {name!r}; choose one of: {', '.join(places)}")
+    cls: type[Method] = imported(place)
     check_contract(stage, cls)
     return cls
 

@@ -21,15 +21,26 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from eaves.buildings.building_file import Kept
-from eaves.flow import region as steps
+from eaves.buildings.building_file import SavedBuildings
 from eaves.flow.outputs import finished_models, write_outputs
 from eaves.flow.refusals import edits_and_work
+from eaves.flow.region import (
+    blocks_ahead,
+    blocks_of,
+    check_blocks,
+    drop_upkeep,
+    end_region,
+    find_regions,
+    import_methods,
+    join_buildings,
+    model_plans,
+    open_region,
+)
 from eaves.flow.results import ModelledBuildings
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.flow.step import Region
-from eaves.flow.tiles import WHOLE, Area, areas, leave
-from eaves.formats.atomic import clear_leftovers, report_full_disk
+from eaves.flow.tiles import WHOLE, Area, areas, finish_area
+from eaves.formats.whole_files import clear_leftovers, report_full_disk
 from eaves.model import Block
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
@@ -139,8 +150,8 @@ def model_buildings(
         options["outputs"] = ("models",)
         run = open_run(inputs, Path(folder) / "out", recipe, **options)
         with hold_folder(run) as workers:
-            region = steps.open_region(run, workers, no_progress)
-            models = list(finished_models(Kept(region.store), compute_buildings(region)))
+            region = open_region(run, workers, no_progress)
+            models = list(finished_models(SavedBuildings(region.store), compute_buildings(region)))
         buildings = ModelledBuildings(models, region.store.system, run.provenance)
         if region.failed:
             raise IncompleteRunError(region.failed, buildings)
@@ -167,13 +178,13 @@ def build_run(
 ) -> Summary:
     """All files of a run but for the report, its buildings corrected."""
     if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
-        workers.start(partial(steps.import_methods, run.recipe))
+        workers.start(partial(import_methods, run.recipe))
     if run.options["overwrite"] and run.classified is None:
         set_aside(run.folder, [path for path, _ in edits_and_work(run.folder, run.planned)])
     run = look_at_scan(run)  # while they start
     if run.by_tiles and "classified" in run.options["outputs"]:
         log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
-    region = steps.open_region(run, workers, progress)
+    region = open_region(run, workers, progress)
     return build_region(region, sink, correct)
 
 
@@ -189,10 +200,10 @@ def build_region(
     region: Region, sink: PointSink | None = None, correct: Correction = no_correction
 ) -> Summary:
     """All files of a region; its results go when nothing failed."""
-    steps.drop_upkeep(region)
+    drop_upkeep(region)
     owners = correct(region, compute_buildings(region))
     summary = write_outputs(region, owners, sink)
-    steps.end_region(region, summary.complete)
+    end_region(region, summary.complete)
     return summary
 
 
@@ -200,18 +211,18 @@ def compute_buildings(region: Region) -> list[Block]:
     """Every step from the files to the buildings, all at once or tile by tile; the blocks that own them."""
     for area in areas(region):
         plans = find_plans(region, area)
-        steps.model_buildings(region, plans)
-        leave(region, area, plans)
-    steps.check_blocks(region)
-    region.store.keep_only(BUILDINGS, region.owners)
+        model_plans(region, plans)
+        finish_area(region, area, plans)
+    check_blocks(region)
+    region.store.evict_others(BUILDINGS, region.owners)
     return region.owners
 
 
 def find_plans(region: Region, area: Area = WHOLE) -> list[OwnedBuildings]:
     """Every step from the files to the buildings of an area before they are modelled."""
-    todo, done = steps.blocks_of(region, area), list[Block]()
+    todo, done = blocks_of(region, area), list[Block]()
     while todo:
-        steps.find_regions(region, todo)
+        find_regions(region, todo)
         done += todo
-        todo = steps.blocks_ahead(region, area, done)
-    return steps.join_buildings(region, area, done)
+        todo = blocks_ahead(region, area, done)
+    return join_buildings(region, area, done)

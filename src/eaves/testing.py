@@ -29,11 +29,10 @@ from eaves.model import (
 from eaves.model.checks import error_line
 from eaves.model.cloud import canonical_order
 from eaves.outline import regularise_outlines, trace_outline
-from eaves.raster.surfaces import scene_of
+from eaves.raster import scene_of
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
-from eaves.simulate import coloured, nine_roofs_on_a_slope
-from eaves.simulate.objects.exact import ExactBuilding, ExactScene
+from eaves.simulate import ExactBuilding, ExactScene, coloured, nine_roofs_on_a_slope
 from eaves.units import divide_block
 
 MOVE, FARTHER = np.array([10 * 240.0, -5 * 240.0, 0.0]), 200

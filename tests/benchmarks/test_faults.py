@@ -19,6 +19,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> ExactBench:
     return prepare(tmp_path_factory.mktemp("faults"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     [

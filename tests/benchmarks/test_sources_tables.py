@@ -10,7 +10,7 @@ from benchmarks.accuracy.sources_tuning import parameters_of, table_of
 
 from eaves.evaluate.detection_scores import evaluate_detection
 from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 
 
 def test_buildings_are_counted_by_what_they_are_made_of() -> None:
@@ -46,17 +46,17 @@ def test_the_figures_of_the_benchmark_are_those_of_the_evaluation() -> None:
     assert figures["objects ≥ 50 m²"] == "1.000/1.000/1.000"
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", sources())
 def test_every_number_of_a_source_can_be_varied__of_nested_methods_too(source: str) -> None:
     plain, varied = make_recipe(source=source), 0
-    for stage, name, value in parameters_of(SOURCES[source]):
+    for stage, name, value in parameters_of(sources()[source]):
         try:
             recipe = make_recipe({stage: dict(table_of(name, value * 0.75))}, source=source)
         except ValueError:  # whole numbers
             continue
-        changed = [one for one in SOURCES[source].methods if getattr(recipe, one) != getattr(plain, one)]
+        changed = [one for one in sources()[source].methods if getattr(recipe, one) != getattr(plain, one)]
         assert changed == [stage], name
         varied += 1
     assert varied > 8
     if source == "maas_vosselman":
-        assert ("reconstruct", "houses.tolerance", 0.2) in list(parameters_of(SOURCES[source]))
+        assert ("reconstruct", "houses.tolerance", 0.2) in list(parameters_of(sources()[source]))

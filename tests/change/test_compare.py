@@ -119,6 +119,7 @@ def test_a_demolished_house_stands_on_the_old_side_of_the_slider_alone(out: Path
         assert browser.errors() == []
 
 
+@pytest.mark.slow
 def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path) -> None:
     old, new = folders
     assert compared(new, old, "-o", tmp_path / "out") == 0
@@ -126,6 +127,7 @@ def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path
     assert kinds == sorted(["unchanged"] * 7 + ["new", "lowered"])
 
 
+@pytest.mark.slow
 def test_beyond_the_common_area_nothing_is_demolished(folders: tuple[Path, Path], tmp_path: Path) -> None:
     old, new = folders
     points = new.parent / "new" / "points.laz"
@@ -144,6 +146,7 @@ def test_beyond_the_common_area_nothing_is_demolished(folders: tuple[Path, Path]
     assert kinds.count("not covered") == 3
 
 
+@pytest.mark.slow
 def test_epochs_in_two_systems_are_brought_together(folders: tuple[Path, Path], tmp_path: Path) -> None:
     from pyproj import Transformer
 
@@ -183,6 +186,7 @@ def test_bad_input_is_one_line(which: str, folders: tuple[Path, Path], tmp_path:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_epochs_of_two_places_share_nothing(folders: tuple[Path, Path], tmp_path: Path) -> None:
     scene = nine_roofs_on_a_slope(density=4.0, seed=3)
     far = scene.cloud.with_(xyz=scene.cloud.xyz + np.array([5000.0, 0.0, 0.0]))

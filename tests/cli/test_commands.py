@@ -243,6 +243,7 @@ def test_ground_writes_one_file(nine_roofs_file: Path, tmp_path: Path) -> None:
     assert (np.asarray(after.classification) == 2).mean() > 0.3
 
 
+@pytest.mark.slow
 def test_a_corrupt_file_among_good_ones_leaves_the_rest(nine_roofs_file: Path, tmp_path: Path) -> None:
     tiles = tmp_path / "tiles"
     tiles.mkdir()
@@ -263,6 +264,7 @@ def eaves_points(path: Path) -> int:
     return open_source(path).count
 
 
+@pytest.mark.slow
 def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
     built: Path, again: Path, tmp_path: Path
 ) -> None:
@@ -302,6 +304,7 @@ def test_a_second_run_gives_the_same_bytes(built: Path, again: Path) -> None:
         assert (built / name).read_bytes() == (again / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_a_town_has_the_style_and_the_clutter_asked_for(tmp_path: Path) -> None:
     asked = ("--area", "0.01", "--density", "1", "--seed", "3")
     for name, more in (("centre", ("--style", "centre")), ("bare", ("--style", "centre", "--no-clutter"))):

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from tests.formats.test_remote import Server
 
-from eaves.cli.demo import SAINT_BARTHELEMY, RealTile, fetch_tile, run_real
 from eaves.formats import InputError
+from eaves.simulate.demo import SAINT_BARTHELEMY, RealTile, fetch_tile, run_real
 
 
 @pytest.fixture(scope="module")

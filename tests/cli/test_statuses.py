@@ -231,7 +231,7 @@ def other_run(place: Place) -> Done:
     return place.build()
 
 
-@case("folder with a file of no run under the name of an output")
+@case("folder with a file that eaves did not write under the name of an output")
 def foreign(place: Place) -> Done:
     place.out.mkdir()
     (place.out / "footprints.gpkg").write_text("mine")
@@ -327,7 +327,12 @@ def test_the_table_has_the_cases_that_are_tried() -> None:
 BEFORE_A_POINT = [row for row in ROWS if row[3] == "2" and not row[0].startswith("folder")]
 
 
-@pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
+SLOW = ("the page or a format fails", "disk full in the run")
+"""Cases of several runs."""
+TRIED = [pytest.param(row, id=row[0], marks=[pytest.mark.slow] if row[0] in SLOW else []) for row in ROWS]
+
+
+@pytest.mark.parametrize("row", TRIED)
 def test_a_case_ends_with_the_line_and_the_status_of_its_row(row: list[str], place: Place) -> None:
     done = CASES[row[0]](place)
     words = re.sub("`", "", row[1])

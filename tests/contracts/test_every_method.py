@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from eaves.methods import REGISTRY, method_class, resolve_method
+from eaves.methods import REGISTRY, method_class, methods_of, resolve_method
 from eaves.simulate.objects.roofs import ExactScene
 from eaves.testing import LAWS
 
-EVERY = [(stage, name) for stage, names in REGISTRY.items() for name in names]
+EVERY = [(stage, name) for stage in REGISTRY for name in methods_of(stage)]
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)

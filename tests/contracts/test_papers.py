@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "eaves"
+DEVELOP = ("engine", "questions", "decisions")
 QUOTED = re.compile(r"`([\w.-]+(?:/[\w.*-]*)+|[\w-]+\.(?:py|md|toml|bib))`")
 """What stands in backticks and has a slash, or is a file of code or text."""
 WRITTEN = ("OUT/",)
@@ -30,7 +31,14 @@ def tree_of(page: str) -> list[str]:
     return [path for line in names for path in re.findall(r"[\w./]+", line.split("  ")[0])]
 
 
-@pytest.mark.parametrize("page", ["ARCHITECTURE.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize(
+    "page",
+    [
+        "ARCHITECTURE.md",
+        "CONTRIBUTING.md",
+        *(f"docs/develop/{name}.md" for name in ("engine", "questions", "decisions")),
+    ],
+)
 def test_every_path_in_the_text_exists(page: str) -> None:
     paths = paths_of(page)
     assert len(paths) > 3

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from eaves.methods import REGISTRY, Method, method_class
+from eaves.methods import REGISTRY, Method, method_class, methods_of
 
 MODULES = (
     *("eaves", "eaves.formats", "eaves.evaluate", "eaves.simulate", "eaves.validate", "eaves.model"),
@@ -35,7 +35,7 @@ PUBLIC = {
     if (inspect.isclass(thing) or inspect.isfunction(thing)) and not thing.__name__.startswith("_")
 }
 FUNCTIONS = [name for name, thing in PUBLIC.items() if inspect.isfunction(thing)]
-METHODS = [method_class(stage, name) for stage, names in REGISTRY.items() for name in names]
+METHODS = [method_class(stage, name) for stage in REGISTRY for name in methods_of(stage)]
 CLASSES = [name for name, thing in PUBLIC.items() if inspect.isclass(thing) and thing not in METHODS]
 
 

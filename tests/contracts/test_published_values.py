@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from eaves.methods import REGISTRY, Method, method_class, parameter
+from eaves.methods import REGISTRY, Method, method_class, methods_of, parameter
 from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 
 QUOTES: dict[tuple[str, str], str] = {
     ("planar_patches", "cell"): "the grid size is set to 1.5 m by 1.5 m",
@@ -41,10 +41,10 @@ NUMBERS_OF_STEPS = {
     "maas_vosselman": "least_fill smallest_primitive houses faces",
 }
 """Parameters without which a step could not run, or that nothing reads when its rule is off."""
-OF_SOURCES = sorted({step for source in SOURCES.values() for step in source.methods.items()})
+OF_SOURCES = sorted({step for source in sources().values() for step in source.methods.items()})
 PUBLISHED = [
     (stage, name, key, field.json_schema_extra)
-    for stage, names in REGISTRY.items()
+    for stage, names in ((stage, methods_of(stage)) for stage in REGISTRY)
     for name in names
     for key, field in method_class(stage, name).model_fields.items()
     if isinstance(field.json_schema_extra, dict) and field.json_schema_extra.get("published") is not None
@@ -65,7 +65,7 @@ def test_a_published_value_is_printed(stage: str, name: str, key: str, extra: di
 
 @pytest.mark.parametrize("stage", REGISTRY)
 def test_what_is_not_printed_keeps_our_default__and_what_the_paper_has_not_is_off(stage: str) -> None:
-    for name in REGISTRY[stage]:
+    for name in methods_of(stage):
         cls = method_class(stage, name)
         default, published = cls().model_dump(), cls.as_published().model_dump()
         changed = {key for key in default if default[key] != published[key]}
@@ -83,20 +83,20 @@ def test_every_parameter_of_a_source_is_printed_or_can_be_off_or_is_the_number_o
     assert needed <= set(NUMBERS_OF_STEPS.get(name, "").split())
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", sources())
 def test_as_published_prints_come_from_the_sources_paper__and_ours_is_off(source: str) -> None:
     ours, published = make_recipe(source=source), make_recipe(source=source, published=True)
     assert (published.vegetation, published.marks_others, published.units) == (None, False, None)
-    for stage in SOURCES[source].methods:
+    for stage in sources()[source].methods:
         method, default = getattr(published, stage), getattr(ours, stage)
         for key, note in method.declared().items():
             value = getattr(method, key)
-            if note["published"] is not None and method.paper == SOURCES[source].paper:
+            if note["published"] is not None and method.paper == sources()[source].paper:
                 assert value == note["published"]
             elif note["off"] is not None and note["step"] is None:
                 assert value == note["off"]
             elif isinstance(value, Method):
-                paper = SOURCES[source].paper
+                paper = sources()[source].paper
                 assert value == value.model_copy(update=value.published_values(paper))
             else:
                 assert value == getattr(default, key)

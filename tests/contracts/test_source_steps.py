@@ -17,9 +17,9 @@ from eaves.ground import classify_ground
 from eaves.methods import resolve_method
 from eaves.model import PointCloud, Scene
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 
-STEPS = [(source.name, *step) for source in SOURCES.values() for step in source.steps]
+STEPS = [(source.name, *step) for source in sources().values() for step in source.steps]
 NEEDS_DATA = pytest.mark.skipif("EAVES_DATA" not in os.environ, reason="EAVES_DATA names no folder of data")
 SETS = (
     "delft/ahn3.laz",
@@ -47,14 +47,14 @@ def scene_of(name: str, ground: str) -> Scene:
 
 @cache
 def answer_of(name: str, source: str) -> NDArray[np.bool_]:
-    methods = SOURCES[source].methods
+    methods = sources()[source].methods
     detector = resolve_method("detect", methods["detect"])
     return np.asarray(detect_buildings(scene_of(name, methods["ground"]), detector).label > 0)  # type: ignore[arg-type]
 
 
 def without(name: str, source: str, stage: str, off: dict[str, Any]) -> NDArray[np.bool_]:
     """Which points are building when one step is left out."""
-    methods = SOURCES[source].methods
+    methods = sources()[source].methods
     scene = scene_of(name, methods["ground"])
     if stage == "ground":
         cloud = classify_ground(

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import eaves
-from eaves.methods import REGISTRY
+from eaves.methods import REGISTRY, methods_of
 from eaves.run.options import DEFAULT_OPTIONS, RunOptions
 
 SCRIPT = """
@@ -96,6 +96,6 @@ def test_dir_lists_functions_methods_and_data_types() -> None:
     listed = set(re.findall(r"import \w+ as (\w+)", stub))
     assert listed <= set(dir(eaves))
     assert {"build", "classify_ground", "AdaptiveTin", "PointCloud"} <= set(dir(eaves))
-    methods = {place.split(":")[1] for names in REGISTRY.values() for place in names.values()}
+    methods = {place.split(":")[1] for stage in REGISTRY for place in methods_of(stage).values()}
     assert methods <= listed
     assert all(getattr(eaves, name).__name__.split(".")[-1] == name for name in listed)

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from eaves.blocks.block import see_regions
+from eaves.blocks.block import inputs_of_regions
 from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.measures import count_signs, learned, nothing, separate
@@ -161,5 +161,7 @@ def test_what_blocks_around_count_is_added_up_for_a_block_without_roofs() -> Non
     found = [{"signs": counts[0]}, {}, {"signs": counts[1]}]
     blocks = [Block(column, 0, 240.0) for column in range(3)]
     window = cast("Any", SimpleNamespace(with_ground=lambda ground: None, file=np.zeros(0)))
-    view = see_regions(blocks[1], window, {}, {}, {}, dict(zip(blocks, found, strict=True)), make_recipe())
+    view = inputs_of_regions(
+        blocks[1], window, {}, {}, {}, dict(zip(blocks, found, strict=True)), make_recipe()
+    )
     assert (view.signs == 3.0).all()

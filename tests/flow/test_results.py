@@ -15,7 +15,7 @@ import shapely
 
 import eaves
 from eaves.formats import InputError, read_cityjson
-from tests.conftest import write_laz
+from tests.conftest import but_first, write_laz
 
 FIGURES = ["id", "area_m2", "volume_m3", "h_max", "trust"]
 SYSTEM = 28992
@@ -42,7 +42,7 @@ def same(table: pandas.DataFrame, other: pandas.DataFrame) -> bool:
     return bool(one[FIGURES].equals(two[FIGURES]) and one.geometry.equals(two.geometry))
 
 
-@pytest.mark.parametrize("kind", ["path", "laspy", "array", "cloud", "fortran"])
+@pytest.mark.parametrize("kind", but_first(["cloud", "path", "laspy", "array", "fortran"]))
 def test_points_in_memory_give_the_buildings_of_their_file(run: eaves.Results, tile: Path, kind: str) -> None:
     las = laspy.read(tile)
     points = {
@@ -81,6 +81,7 @@ def test_one_who_comes_from_numpy_and_laspy_gets_heights_volumes_and_a_cloud(til
     assert found.footprints.geometry[nearest].contains(footprint.world.centroid)
 
 
+@pytest.mark.slow
 def test_one_who_comes_from_geopandas_gets_tables_that_join(run: eaves.Results, tile: Path) -> None:
     parcels = geopandas.GeoDataFrame(
         {"owner": ["a", "b", "c"]}, geometry=run.footprints.buffer(0.5), crs=run.footprints.crs
@@ -160,6 +161,7 @@ def test_a_folder_without_a_run_and_polygons_that_are_none_are_refused(tmp_path:
         eaves.find_buildings(tile, footprints=[1, 2])
 
 
+@pytest.mark.slow
 def test_progress_is_bars_or_a_function(tile: Path, capsys: pytest.CaptureFixture[str]) -> None:
     steps: list[str] = []
     eaves.find_buildings(tile, crs=SYSTEM, progress=lambda step, done, total: steps.append(step))
@@ -168,6 +170,7 @@ def test_progress_is_bars_or_a_function(tile: Path, capsys: pytest.CaptureFixtur
     assert "buildings" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_kept_run_of_values_in_memory_goes_on_from_its_folder(
     run: eaves.Results, tile: Path, tmp_path: Path
 ) -> None:

@@ -16,13 +16,13 @@ import pytest
 
 import eaves
 from eaves import IncompleteRunError, InputError, Summary
-from eaves.change.edits import read_edits
-from eaves.change.upkeep.update import update
-from eaves.flow.exports import export_run
+from eaves.exports import export_run
 from eaves.model import CoordinateSystem
 from eaves.pipeline import build
 from eaves.run.manifest import check_folder
 from eaves.run.options import RunOptions
+from eaves.upkeep.edits import read_edits
+from eaves.upkeep.update import update
 from tests.conftest import write_laz
 
 
@@ -61,6 +61,7 @@ def test_a_second_run_of_the_same_inputs_needs_no_word(nine_roofs_file: Path, ou
     assert build_again(nine_roofs_file, out).found == 9
 
 
+@pytest.mark.slow
 def test_edits_stay_unless_overwritten(nine_roofs_file: Path, out: Path, tmp_path: Path) -> None:
     with closing(sqlite3.connect(out / "footprints.gpkg")) as layer:
         (name,) = layer.execute("SELECT id FROM footprints").fetchone()
@@ -77,6 +78,7 @@ def test_edits_stay_unless_overwritten(nine_roofs_file: Path, out: Path, tmp_pat
     assert (out / "before-1" / "edits.gpkg").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_edits_are_carried_to_a_new_build__and_those_without_a_building_are_named(
     nine_roofs_file: Path, out: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -209,6 +211,7 @@ def test_a_reader_sees_the_old_or_the_new_file(
         assert later.execute(query).fetchone() < old
 
 
+@pytest.mark.slow
 def test_a_layer_that_another_program_is_changing_is_kept(nine_roofs_file: Path, out: Path) -> None:
     execute(out / "footprints.gpkg", "PRAGMA journal_mode = WAL")
     with closing(sqlite3.connect(out / "footprints.gpkg")) as editor:
@@ -236,6 +239,7 @@ ALPHABETS = (
 """Words in forty alphabets."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has neither such links nor such devices")
 def test_a_folder_of_links_devices_and_all_alphabets_is_left_as_it_is(
     nine_roofs_file: Path, tmp_path: Path
@@ -257,7 +261,7 @@ def test_a_folder_of_links_devices_and_all_alphabets_is_left_as_it_is(
     os.symlink("/dev/null", out / "buildings.qgz")
     (out / MODELS).mkdir()
     words = {"outputs": ("footprints", "models"), "allow_failures": True}
-    with pytest.raises(InputError, match=r"is of no run"):
+    with pytest.raises(InputError, match=r"was not written by eaves"):
         build(inputs / f"{names[32]}.laz", out, **words)
     assert build(inputs / f"{names[32]}.laz", out, overwrite=True, **words).found == 9
     assert check_folder(out) == []
@@ -270,6 +274,7 @@ def test_a_folder_of_links_devices_and_all_alphabets_is_left_as_it_is(
     assert summary.found == 9
 
 
+@pytest.mark.slow
 def test_a_layer_that_was_only_shown_is_not_changed(nine_roofs_file: Path, out: Path) -> None:
     before = (out / "footprints.gpkg").read_bytes()
     execute(out / "footprints.gpkg", "PRAGMA journal_mode = WAL", "SELECT * FROM footprints")
@@ -289,6 +294,7 @@ def test_a_run_of_another_input_stays(nine_roofs_file: Path, out: Path, tmp_path
         build_again(nine_roofs_file, out)
 
 
+@pytest.mark.slow
 def test_inputs_that_moved_are_the_same(nine_roofs_file: Path, out: Path, tmp_path: Path) -> None:
     assert build_again(Path(shutil.copy(nine_roofs_file, tmp_path)), out).found == 9
 

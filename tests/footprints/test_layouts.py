@@ -253,10 +253,11 @@ def test_degrees_and_geoparquet_are_read_near_the_points_only(tmp_path: Path) ->
         assert inside[0].polygon.symmetric_difference(HOUSES[0]).area < 0.05
         assert json.loads(inside[0].attributes["names"]) == {"primary": "De Kerk"}
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 and no more")
-    with pytest.raises(InputError, match="no GeoParquet"):
+    with pytest.raises(InputError, match="not GeoParquet"):
         recognise_map(tmp_path / "bad.parquet")
 
 
+@pytest.mark.slow
 def test_attribution_and_ids_are_in_all_that_is_written(
     nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
 ) -> None:

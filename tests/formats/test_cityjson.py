@@ -13,9 +13,9 @@ import pytest
 from shapely import Polygon, box
 from tests.formats.cityjson_schema import schema_defects
 
+from eaves.exports.citygml import xml_name
 from eaves.formats import InputError, read_cityjson, write_cityjson, write_cityjson_seq
 from eaves.formats.crs import parse_crs, system_of
-from eaves.formats.models.citygml import xml_name
 from eaves.formats.models.cityjson import SURFACES, WKT_MEMBER
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE

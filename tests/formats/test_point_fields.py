@@ -123,6 +123,7 @@ def write_tagged(path: Path, scene: ExactScene, part: slice) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_fields_stay_with_their_points_through_blocks_files_and_processes(
     nine_roofs: ExactScene, tmp_path: Path
 ) -> None:
@@ -145,6 +146,7 @@ def test_a_run_whose_files_lack_a_field_is_refused_before_it_reads(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_points_read_without_fields_are_read_again_with_them(nine_roofs: ExactScene, tmp_path: Path) -> None:
     path = write_tagged(tmp_path / "0.laz", nine_roofs, slice(None))
     build(path, tmp_path / "out", lod="0", keep=True)

@@ -12,9 +12,9 @@ from copc_writer import write_copc
 from laspy.copc import Bounds as CopcBounds
 from laspy.copc import load_octree_for_query
 
+from eaves.exports import copc as copc_writer
 from eaves.formats import Chunk, Source, iter_chunks, open_source, read, write_classified
 from eaves.formats.crs import parse_crs, system_of
-from eaves.formats.points import copc_writer
 from eaves.formats.points.las import iter_records
 from eaves.model import Bounds
 

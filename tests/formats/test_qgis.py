@@ -15,14 +15,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import shapely
+from tests.judges import need_judge
 
 from eaves.formats import write_geopackage, write_raster
+from eaves.formats.columns import LAYERS
 from eaves.formats.crs import parse_crs, system_of, unit_lengths
 from eaves.formats.qgis.project import write_project
 from eaves.formats.qgis.styles import listed_styles
 from eaves.formats.vectors.geopackage import Row
 from eaves.model import CoordinateSystem, Raster
-from eaves.model.columns import LAYERS
 from eaves.model.coordinates import LOCAL_METRES
 
 QGIS_PYTHON = "/usr/bin/python3"
@@ -136,11 +137,8 @@ def qgis() -> dict[str, str]:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     environment |= {"QT_QPA_PLATFORM": "offscreen", "XDG_RUNTIME_DIR": "/tmp"}
     command = [QGIS_PYTHON, "-c", "import qgis._3d"]
-    if (
-        not Path(QGIS_PYTHON).exists()
-        or subprocess.run(command, env=environment, capture_output=True).returncode
-    ):
-        pytest.skip("QGIS is not installed")
+    there = Path(QGIS_PYTHON).exists()
+    need_judge("QGIS", there and not subprocess.run(command, env=environment, capture_output=True).returncode)
     return environment
 
 

@@ -125,6 +125,7 @@ def test_a_value_around_the_data_is_left_out__level_ground_around_a_house_is_not
     assert len(read(local)) == level.size and raster_remarks(local) == []
 
 
+@pytest.mark.slow
 def test_a_raster_larger_than_a_piece_is_read_whole(tmp_path: Path) -> None:
     rows = raster_cells.PIECE // 1000 * 2 + 3
     values = np.arange(rows * 1000.0).reshape(rows, 1000) / 1000.0

@@ -21,7 +21,7 @@ from eaves.formats import (
     write_classified,
 )
 from eaves.formats.crs import code_of, parse_crs, system_of
-from eaves.formats.points.geokeys import DIRECTORY, crs_of_geokeys
+from eaves.formats.points.las_header import DIRECTORY, crs_of_geokeys
 
 FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937
 LINES = "85000.0 447000.0 1.5 2\n85010.25 447020.5 2.5 6\n85020.0 447030.0 3.5 6\n"

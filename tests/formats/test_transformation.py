@@ -182,6 +182,7 @@ def two_tiles(folder: Path, code: str, height_unit: float, records: list[laspy.V
     return paths
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["web mercator", "heights in feet"])
 def test_an_update_is_a_build_of_both__of_a_system_or_a_unit_that_was_mended(
     kind: str, tmp_path: Path

@@ -22,10 +22,10 @@ from eaves.formats import (
     write_mask,
     write_raster,
 )
-from eaves.formats.atomic import atomic
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.formats.vectors.polygons import list_vector_layers, read_table
+from eaves.formats.whole_files import atomic
 from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.model.coordinates import LOCAL_METRES
 

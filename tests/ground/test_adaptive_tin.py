@@ -85,14 +85,14 @@ def test_only_the_core_is_answered_and_as_ever(density: float) -> None:
     assert part.classification is not None and part.part is not None
     assert (part.classification == everything.classification)[inside].all()
     assert (part.part == everything.part)[inside].all()
-    assert not part.ground[~core.buffered(10.0).contains(cloud.xyz)].any()
+    assert not part.ground[~core.buffered(AdaptiveTin().rim_apart).contains(cloud.xyz)].any()
 
 
 @pytest.mark.parametrize("left", [0, 1, 2])
 def test_a_core_may_be_empty_or_nearly(left: int) -> None:
     cloud, _ = scene(4.0)
     core = Bounds(40.0, 40.0, 60.0, 60.0)
-    close = np.flatnonzero(core.buffered(10.0).contains(cloud.xyz))
+    close = np.flatnonzero(core.buffered(AdaptiveTin().rim_apart).contains(cloud.xyz))
     kept = np.setdiff1d(np.arange(len(cloud)), close[left:])
     found = classify_ground(cloud.take(kept), core=core)
     assert found.ground.sum() <= left

@@ -17,7 +17,7 @@ from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.classifier import measured_terms
 from eaves.ground import classify_ground
-from eaves.methods import REGISTRY, resolve_method
+from eaves.methods import methods_of, resolve_method
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.model.cloud import GRID_STEP
 from eaves.raster.grid import grid_shape, whole_cells
@@ -76,7 +76,7 @@ def test_every_point_has_a_cell__and_no_side_is_a_cell_too_far(
     assert (row.max() + 1, column.max() + 1) == grid_shape(bounds, cell)
 
 
-@pytest.mark.parametrize("name", REGISTRY["ground"])
+@pytest.mark.parametrize("name", methods_of("ground"))
 @settings(law, max_examples=10)
 @given(window=windows)
 def test_every_filter_says_of_every_point_whether_it_is_ground(name: str, window: Cloud) -> None:
@@ -84,7 +84,7 @@ def test_every_filter_says_of_every_point_whether_it_is_ground(name: str, window
     assert len(classify_ground(cloud, resolve_method("ground", name)).ground) == len(cloud)
 
 
-@pytest.mark.parametrize("name", sorted(set(REGISTRY["detect"]) - {"given_classes"}))
+@pytest.mark.parametrize("name", sorted(set(methods_of("detect")) - {"given_classes"}))
 @settings(law, max_examples=8)
 @given(window=windows)
 def test_every_detector_answers(name: str, window: Cloud) -> None:
@@ -109,6 +109,7 @@ def test_evidence_is_finite__of_however_few_that_could_be_roofs(window: Cloud, f
     assert np.isfinite(terms.cell).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning:eaves.units")  # a cell on a wall: 0 / 0
 @settings(law, max_examples=4, phases=[Phase.generate])
 @given(windows, st.sampled_from(STEPS))

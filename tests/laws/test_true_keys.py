@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -14,19 +14,21 @@ import numpy as np
 import pytest
 
 import eaves
-from eaves.buildings.building_file import as_found
-from eaves.change.edits import FLAT_ROOF, Edit
-from eaves.change.upkeep.corrected import correct, outlines_in
-from eaves.flow.region import bring_points, open_region
+from eaves.buildings.building_file import found_buildings
+from eaves.flow.region import ensure_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
-from eaves.flow.step import Input, Region, Step, bring, home_of
+from eaves.flow.step import Input, Region, Step, ensure, square_of
 from eaves.flow.steps import SHOWN, SIGNS, STEPS
+from eaves.methods import REGISTRY, methods_of, resolve_method
 from eaves.model import Block
 from eaves.pipeline import build_run, compute_buildings, end_run, hold_folder
 from eaves.reconstruct.overhangs import OverhangRules
-from eaves.run.keys import Sources, package_sources
+from eaves.run import keys
+from eaves.run.keys import modules_of, path_of_method
 from eaves.run.part_file import PartFile
 from eaves.run.workers import Outcome, Workers
+from eaves.upkeep.corrected import correct, outlines_in
+from eaves.upkeep.edits import FLAT_ROOF, Edit
 
 PACKAGE = Path(eaves.__file__).parent
 SIDE = 60.0
@@ -53,8 +55,8 @@ def tree(tmp_path: Path) -> Path:
 
 def keys_in(tree: Path, run: Run) -> dict[str, str]:
     """Step → its key with the code of a tree."""
-    sources = Sources(tree)
-    return {step.name: step.key(run, sources) for step in STEPS}
+    keys.kept_digest.cache_clear()
+    return {step.name: step.key(run, tree) for step in STEPS}
 
 
 def add_line(file: Path) -> None:
@@ -70,25 +72,121 @@ def test_a_line_of_its_code_changes_the_key_of_a_step_and_of_those_that_run_it(
     step: Step, kept: Run, tree: Path
 ) -> None:
     before, module = keys_in(tree, kept), step.run.__module__
-    add_line(tree.joinpath(*module.split(".")[1:]).with_suffix(".py"))
-    runs_it = {one.name for one in STEPS if module in package_sources().closure(one.modules(kept))}
+    file = "/".join(module.split(".")[1:]) + ".py"
+    add_line(tree / file)
+    runs_it = {one.name for one in STEPS if covers(one.code, file)}
     assert changed(before, keys_in(tree, kept)) == runs_it
     assert step.name in runs_it
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        *("formats/qgis/symbols.py", "formats/columns.py", "formats/vectors/geopackage.py"),
+        *("formats/models/cityjson.py", "exports/glb.py", "report/pictures.py", "report/page_file.py"),
+        *("cli/compute.py", "flow/outputs.py", "pipeline.py", "published/ren_fcs/ground.py"),
+    ],
+)
+def test_a_line_in_a_writer_a_style_a_picture_or_a_command_changes_no_key(
+    file: str, kept: Run, tree: Path
+) -> None:
+    before = keys_in(tree, kept)
+    add_line(tree / file)
+    assert keys_in(tree, kept) == before
+
+
+def covers(code: Iterable[str], file: str) -> bool:
+    """Whether a file lies in some folders and files."""
+    return any(file == place or file.startswith(f"{place}/") for place in code)
+
+
+def imports_of(module: str) -> set[str]:
+    """The modules of this package that one imports, but for those of types alone."""
+    found, waiting = set[str](), [ast.parse(MODULES[module].read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING":
+            continue
+        waiting += list(ast.iter_child_nodes(node))  # type: ignore[arg-type]
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("eaves"):
+            for alias in node.names:
+                found |= origins(str(node.module), alias.name)
+    return found & MODULES.keys()
+
+
+def origins(package: str, name: str) -> set[str]:
+    """The modules that an imported name may be, or be of."""
+    stub = PACKAGE.joinpath(*package.split(".")[1:], "__init__.pyi")
+    lazy = ast.parse(stub.read_text(encoding="utf-8")).body if stub.exists() else []
+    homes = [node.module for node in lazy if isinstance(node, ast.ImportFrom) and named(node, name)]
+    return {f"{package}.{name}", package, *(f"{package}.{home}" for home in homes)}
+
+
+def named(node: ast.ImportFrom, name: str) -> bool:
+    return any(alias.name == name for alias in node.names)
+
+
+def name_of(file: Path) -> str:
+    return ".".join(["eaves", *file.relative_to(PACKAGE).with_suffix("").parts]).removesuffix(".__init__")
+
+
+MODULES = {name_of(file): file for file in PACKAGE.rglob("*.py")}
+NO_RESULT = ("eaves.extensions", "eaves.formats")
+"""What decides no result: the look-up of names; readers and writers, for what was read is in the keys."""
+
+
+def reached(modules: Iterable[str]) -> set[str]:
+    """All modules, first files of packages apart, that some import, directly or not."""
+    found, waiting = set[str](), list(modules)
+    while waiting:
+        module = waiting.pop()
+        if module not in found and module in MODULES:
+            found.add(module)
+            waiting += imports_of(module)
+    return {one for one in found if MODULES[one].name != "__init__.py" and not one.startswith(NO_RESULT)}
+
+
+def outside(modules: Iterable[str], code: Iterable[str]) -> list[str]:
+    files = [MODULES[one].relative_to(PACKAGE).as_posix() for one in sorted(reached(modules))]
+    return [file for file in files if not covers(code, file)]
+
+
+@by_name
+def test_a_step_runs_no_code_but_what_it_declares(step: Step) -> None:
+    functions = [step.inputs_of, step.run, *(one.load for one in step.takes)]
+    functions += [one.source.load for one in step.takes if one.source is not None]
+    modules = {one.__module__ for one in functions if one is not None and one.__module__ in MODULES}
+    assert outside(modules, step.code) == []
+    assert all((PACKAGE / place).exists() for place in step.code)
+
+
+STEP_OF = {"ground": "ground", "detect": "regions"}
+
+
+@pytest.mark.parametrize(
+    ("stage", "name"), [(stage, name) for stage in REGISTRY for name in methods_of(stage)]
+)
+def test_a_method_runs_no_code_but_its_own_and_what_its_step_declares(stage: str, name: str) -> None:
+    method = resolve_method(stage, name)
+    step = next(one for one in STEPS if one.name == STEP_OF.get(stage, "buildings"))
+    modules = {one for one in modules_of(method) if one in MODULES}
+    own = [path_of_method(module) for module in modules]
+    assert outside(modules, [*step.code, *own]) == []
 
 
 @pytest.mark.parametrize(
     ("module", "methods", "step"),
     [
         ("ground/adaptive_tin/method.py", {}, "ground"),
-        ("detect/normal_echo.py", {"detect": "normal_echo"}, "regions"),
-        ("reconstruct/prism.py", {"reconstruct": "prism"}, "buildings"),
+        ("published/xiao2014/normal_echo.py", {"detect": "normal_echo"}, "regions"),
+        ("published/maas_vosselman/reconstruction.py", {"reconstruct": "maas_vosselman"}, "buildings"),
     ],
 )
 def test_the_code_of_a_method_is_in_the_keys_of_the_steps_that_are_given_it_alone(
     module: str, methods: dict[str, str], step: str, kept: Run, tree: Path
 ) -> None:
     given = replace(kept, recipe=eaves.make_recipe(methods))
-    others = {"ground": "contours", "detect": "contours", "reconstruct": "maas_vosselman"}
+    others = {"ground": "contours", "detect": "contours", "reconstruct": "prism"}
     without = replace(kept, recipe=eaves.make_recipe(others))
     before = keys_in(tree, given), keys_in(tree, without)
     add_line(tree / module)
@@ -103,25 +201,6 @@ def test_a_detector_does_not_reach_the_ground_nor_a_roof_the_regions(kept: Run, 
     before = keys_in(tree, kept)
     add_line(tree / "detect" / "consensus" / "method.py")
     assert changed(before, keys_in(tree, kept)) == {"signs", "regions"}
-
-
-def test_comments_docstrings_and_formatting_change_no_key(kept: Run, tree: Path) -> None:
-    before = keys_in(tree, kept)
-    for file in tree.rglob("*.py"):
-        content = ast.unparse(ast.parse(file.read_text(encoding="utf-8")))
-        file.write_text(f'"""Another docstring."""\n# a comment\n{content}\n', encoding="utf-8")
-    assert keys_in(tree, kept) == before
-
-
-def test_a_digest_that_is_kept_is_that_of_the_file_as_it_stands(tree: Path, tmp_path: Path) -> None:
-    table = tmp_path / "table.json"
-    first = Sources(tree, table).digest(["eaves.blocks.block"])
-    assert table.exists()
-    assert Sources(tree, table).digest(["eaves.blocks.block"]) == first
-    add_line(tree / "raster" / "surfaces.py")
-    assert Sources(tree, table).digest(["eaves.blocks.block"]) != first
-    table.write_text("{")
-    assert Sources(tree, table).digest(["eaves.blocks.block"]) != first
 
 
 def with_recipe(**fields: Any) -> Callable[[Run], Run]:
@@ -192,7 +271,7 @@ class Recorder(Workers):
 
     def run(self, work: Any, tasks: Sequence[Any]) -> Iterator[Outcome]:
         if isinstance(work, partial) and hasattr(work.func, "step"):
-            homes = {home_of(unit) for unit, _ in tasks}
+            homes = {square_of(unit) for unit, _ in tasks}
             self.units.setdefault(work.func.step.name, set()).update(homes)
         return super().run(work, tasks)
 
@@ -206,7 +285,7 @@ class Again:
 
     def opened(self) -> Region:
         region = open_region(self.run, self.workers, no_progress)
-        bring_points(region)
+        ensure_points(region)
         return region
 
     def edited(self) -> None:
@@ -215,9 +294,9 @@ class Again:
     def computed(self, region: Region) -> dict[str, set[Block]]:
         """Units of each step, the edits among them: every roof is said to be flat."""
         compute_buildings(region)
-        outlines = outlines_in(as_found(region.store), SIDE)
+        outlines = outlines_in(found_buildings(region.store), SIDE)
         correct(region, [Edit(FLAT_ROOF, outline, name) for name, outline in outlines.items()])
-        bring(region, SHOWN, region.blocks)
+        ensure(region, SHOWN, region.blocks)
         assert not region.failed
         return {name: units for name, units in self.workers.units.items() if units}
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from eaves.methods import REGISTRY, resolve_method
+from eaves.methods import methods_of, resolve_method
 from eaves.model import Failure
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 
@@ -32,7 +32,7 @@ def hard_points(kind: str, rng: np.random.Generator) -> NDArray[np.float64]:
     return np.column_stack([xy, rng.uniform(0, 9, len(xy))])
 
 
-@pytest.mark.parametrize("name", sorted(REGISTRY["outline"]))
+@pytest.mark.parametrize("name", sorted(methods_of("outline")))
 @pytest.mark.parametrize("kind", ["uniform", "rounded", "thin", "clusters", "ring", "outliers"])
 def test_result_is_a_valid_polygon_or_a_failure(name: str, kind: str) -> None:
     method = resolve_method("outline", name)

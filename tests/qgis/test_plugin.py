@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from tests.judges import need_judge
 
 ROOT = Path(__file__).parents[2]
 QGIS = "qgis_process.bin"
@@ -132,8 +133,7 @@ def test_cancel_stops_the_command_as_ctrl_c_does(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def qgis_process(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Runs a tool of the packaged plug-in in QGIS, and gives its results."""
-    if shutil.which(QGIS) is None:
-        pytest.skip("QGIS is not installed")
+    need_judge("QGIS", shutil.which(QGIS))
     folder = tmp_path_factory.mktemp("qgis")
     plugins = folder / "profiles" / "default" / "python" / "plugins"
     plugins.mkdir(parents=True)

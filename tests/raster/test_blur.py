@@ -64,6 +64,7 @@ def test_roughness_is_that_of_the_flat():
     assert 0.04 < measure_roughness(xyz) < 0.1
 
 
+@pytest.mark.slow
 def test_points_of_a_block_are_sharpened_as_those_of_its_neighbour_see_them():
     """A wall on the border of two blocks is at one place in both: each sees the other's points."""
     xyz = points_of(town(2.0))

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from eaves.model import Failure
+from eaves.published.xiao2014.plane_intersection import PlaneIntersection
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.plane_intersection import PlaneIntersection
 from eaves.reconstruct.prism import Prism
 from eaves.validate.models import validate_model
+from tests.conftest import but_first
 
 from .made_buildings import make_building
 
@@ -45,7 +46,7 @@ def assert_most_are_modelled(seeds: range) -> None:
     assert sum(answer["arrangement"] for answer in models) >= LEAST_SHARE * prisms
 
 
-@pytest.mark.parametrize("first", range(0, 120, 40))
+@pytest.mark.parametrize("first", but_first(range(0, 120, 40)))
 def test_random_buildings_are_valid_or_say_why_not(first: int) -> None:
     assert_most_are_modelled(range(first, first + 40))
 

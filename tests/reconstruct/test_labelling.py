@@ -31,6 +31,7 @@ def some_graph(seed: int, nodes: int, labels: int) -> tuple[NDArray[np.float64],
     return rng.random((nodes, labels)), Borders(edges, rng.random(len(edges)), places, planes, 0.3, 0.5)
 
 
+@pytest.mark.slow
 def test_labels_are_the_best_or_nearly() -> None:
     ratios = []
     for seed in range(30):

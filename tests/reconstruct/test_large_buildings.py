@@ -51,6 +51,7 @@ def checkerboard(side: int, width: float, density: float) -> tuple[Points, list[
     return points, planes, Footprint(shapely.box(0.0, 0.0, side * width, side * width))
 
 
+@pytest.mark.slow
 def test_hundreds_of_self_contacts_are_resolved() -> None:
     points, planes, footprint = checkerboard(16, 4.0, 4.0)
     answer = reconstruct_building(points, footprint, planes, 0.0)

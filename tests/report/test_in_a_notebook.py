@@ -14,7 +14,7 @@ from PIL import Image
 import eaves
 from eaves.formats.crs import parse_crs, system_of
 from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Scene
-from eaves.model.pictures import cloud_picture, png_bytes, raster_picture
+from eaves.report.pictures import cloud_picture, picture_of, png_bytes, raster_picture
 from eaves.simulate.objects.roofs import ExactScene
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -66,17 +66,17 @@ def test_each_thing_shows_a_picture_and_its_figures(scene: Scene, nine_roofs: Ex
         told = thing._repr_html_()
         assert f"<b>{title}</b>" in told and figure in told
         assert "data:image/png" in told or "<path d=" in told
-    assert dots_of(scene.cloud._repr_png_()).ndim == dots_of(scene._repr_png_()).ndim == 3
+    assert picture_of(scene.cloud).ndim == picture_of(scene).ndim == 3
     assert "PointCloud" in PointCloud(np.zeros((0, 3)))._repr_html_()
     assert "&lt;b&gt;" in model.footprint.with_(id="<b>")._repr_html_()
 
 
 def test_solid_shows_the_faces_that_look_at_us(nine_roofs: ExactScene) -> None:
     box = next(one.model() for one in nine_roofs.buildings if len(one.model().solids["2.2"][0].faces) == 6)
-    root = ElementTree.fromstring(box._repr_svg_())
+    root = ElementTree.fromstring(picture_of(box))
     assert 2 <= len(root.findall(f"{SVG}path")) <= 3  # of a roof, four walls and the ground
     empty = BuildingModel(box.footprint, {})
-    assert len(ElementTree.fromstring(empty._repr_svg_()).findall(f"{SVG}path")) == 1
+    assert len(ElementTree.fromstring(picture_of(empty)).findall(f"{SVG}path")) == 1
 
 
 def test_geopandas_gets_outlines_in_the_systems_unit(nine_roofs: ExactScene) -> None:

@@ -14,8 +14,8 @@ import pyogrio.raw
 import pytest
 
 import eaves.report.build as report_build
-from eaves.flow import exports
-from eaves.formats import InputError
+from eaves.flow import formats
+from eaves.formats import Format, InputError
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.report import sample
 from eaves.report.build import build
@@ -100,6 +100,7 @@ def test_more_points_than_wanted_are_thinned_and_the_page_states_it(nine_run: Su
     assert np.array_equal(contents.points.xyz, again.points.xyz)
 
 
+@pytest.mark.slow
 def test_the_points_received_while_writing_are_those_read_afterwards(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,7 +168,10 @@ def test_a_page_or_a_format_that_fails_is_named__the_other_files_stand(
         raise ZeroDivisionError("by nought")
 
     monkeypatch.setattr(report_build, "write_page", fail)
-    monkeypatch.setitem(exports.FOOTPRINT_FILES, "kml", (lambda: fail, "footprints.kml"))
+    broken = Format({"footprints": ("footprints.kml", fail)})
+    monkeypatch.setattr(
+        formats, "format_of", lambda name, known=formats.format_of: broken if name == "kml" else known(name)
+    )
     out = tmp_path / "out"
     with pytest.raises(IncompleteRunError) as error:
         build(sorted_ground(tmp_path / "ground.laz"), out, jobs=1, formats=("kml", "fgb"))

@@ -56,6 +56,7 @@ def ask(server: Server, address: str, host: str = "127.0.0.1", method: str = "GE
     return answer.status, answer.getheader("Content-Type") or "", content
 
 
+@pytest.mark.slow
 def test_squares_hold_what_the_report_embeds(nine_run: Summary, site: Path) -> None:
     """The nine houses stand in one square: its arrays are those of the report, byte for byte."""
     square = json.loads((site / "city" / "0.json").read_text())["arrays"]

@@ -216,6 +216,7 @@ def test_a_remark_is_logged_once_and_ends_the_summary(
     assert summary.as_text().splitlines()[-2] == "note: 7 points are doubled"
 
 
+@pytest.mark.slow
 def test_run_json_has_the_remarks_of_a_run__none_of_a_plain_one(scan: Path, tmp_path: Path) -> None:
     run = open_run(scan, tmp_path / "out", outputs=("footprints",))
     with hold_folder(run) as workers:

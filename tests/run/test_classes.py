@@ -57,6 +57,7 @@ def test_vegetation_is_the_same_about_any_origin_and_in_any_order() -> None:
     assert (again == first[order]).all()
 
 
+@pytest.mark.slow
 def test_classes_2_and_6_are_the_same_with_and_without_vegetation(tmp_path: Path) -> None:
     path = write_simulation(nine_roofs_on_a_slope(density=4.0), tmp_path)["points"]
     las = laspy.read(path)
@@ -86,6 +87,7 @@ def test_classes_2_and_6_are_the_same_with_and_without_vegetation(tmp_path: Path
     assert (whole == 6).sum() > 1000
 
 
+@pytest.mark.slow
 def test_a_file_may_number_its_classes_as_it_likes(tmp_path: Path) -> None:
     truth = nine_roofs_on_a_slope(density=4.0)
     path = write_simulation(truth, tmp_path)["points"]

@@ -48,6 +48,7 @@ def test_a_block_with_fewer_points_keeps_all() -> None:
     assert find_thinned((Block(0, 0, 60.0), [records_of(1.05 * ENOUGH_PER_M2)]), None)
 
 
+@pytest.mark.slow
 def test_all_points_of_a_dense_scan_have_their_class_building_and_plane(tmp_path: Path) -> None:
     scene = nine_roofs_on_a_slope(density=1.5 * ENOUGH_PER_M2, noise=0.02)
     path = write_simulation(scene, tmp_path / "scan")["points"]
@@ -83,6 +84,7 @@ def halves(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"one": whole, "two": folder / "cut"}
 
 
+@pytest.mark.slow
 def test_files_and_tiles_may_cut_a_dense_scan_anyhow(halves: dict[str, Path], tmp_path: Path) -> None:
     models = []
     for name, per_tile in (("one", False), ("two", False), ("two", True)):
@@ -92,6 +94,7 @@ def test_files_and_tiles_may_cut_a_dense_scan_anyhow(halves: dict[str, Path], tm
     assert len(models[0]) == 10 and models[0][1:] == models[1][1:] == models[2][1:]
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_thins_nothing_again(halves: dict[str, Path], tmp_path: Path) -> None:
     out, options = tmp_path / "out", {"keep": True, "outputs": ("models",)}
     times = []
@@ -162,6 +165,7 @@ def tiles_of_nine(folder: Path, times: bool = True, buffer: float = 0.0) -> tupl
     return paths[0], paths[1:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [True, False])
 def test_tiles_with_a_buffer_give_the_models_of_the_points_alone__and_it_is_said(
     times: bool, tmp_path: Path

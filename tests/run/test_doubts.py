@@ -73,6 +73,7 @@ def layer_of(folder: Path) -> list[tuple[object, ...]]:
     ]
 
 
+@pytest.mark.slow
 def test_doubts_are_told_in_all_files_and_once_also_by_tiles(cut_file: Path, tmp_path: Path) -> None:
     whole = build(cut_file, tmp_path / "whole")
     told = json.loads((tmp_path / "whole" / "run.json").read_text())["doubts"]

@@ -14,7 +14,7 @@ import pytest
 
 import eaves
 from eaves.flow import run
-from eaves.flow.exports import classified_name
+from eaves.flow.formats import classified_name
 from eaves.flow.run import open_run
 from eaves.formats import InputError
 from eaves.pipeline import build
@@ -69,8 +69,8 @@ def test_of_many_processes_one_takes_a_lock_that_was_left(tmp_path: Path) -> Non
     assert sorted(one.communicate()[0].strip() for one in started) == ["mine", "taken", "taken", "taken"]
 
 
-def test_the_output_folder_is_never_that_of_an_input(nine_roofs_file: Path, tmp_path: Path) -> None:
-    shutil.copy(nine_roofs_file, tmp_path / "x.laz")
+def test_the_output_folder_is_never_that_of_an_input(one_roof_file: Path, tmp_path: Path) -> None:
+    shutil.copy(one_roof_file, tmp_path / "x.laz")
     before = (tmp_path / "x.laz").read_bytes()
     link = tmp_path.parent / f"{tmp_path.name}-link"
     link.symlink_to(tmp_path)
@@ -85,14 +85,15 @@ def test_the_output_folder_is_never_that_of_an_input(nine_roofs_file: Path, tmp_
     assert (tmp_path / "x.laz").read_bytes() == before
 
 
-def test_given_footprints_are_not_overwritten(nine_roofs_file: Path, tmp_path: Path) -> None:
-    build(nine_roofs_file, tmp_path, lod="0")
+def test_given_footprints_are_not_overwritten(one_roof_file: Path, tmp_path: Path) -> None:
+    build(one_roof_file, tmp_path, lod="0")
     with pytest.raises(InputError, match="would be overwritten"):
-        build(nine_roofs_file, tmp_path, footprints=tmp_path / "footprints.gpkg")
+        build(one_roof_file, tmp_path, footprints=tmp_path / "footprints.gpkg")
 
 
-def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Path, tmp_path: Path) -> None:
-    assert build(nine_roofs_file, tmp_path, lod="1.2", formats=("obj", "3dtiles", "geojson")).complete
+@pytest.mark.slow
+def test_a_rerun_removes_its_own_old_files_and_nothing_else(one_roof_file: Path, tmp_path: Path) -> None:
+    assert build(one_roof_file, tmp_path, lod="1.2", formats=("obj", "3dtiles", "geojson")).complete
     assert check_folder(tmp_path) == []
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "footprints.geojson").write_text("changed by hand")
@@ -101,8 +102,8 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
         f"{read_manifest(tmp_path)['written']['footprints.geojson']['size']}"
     ]
     with pytest.raises(InputError, match=r"footprints.geojson: was changed since a run wrote it"):
-        build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",))
-    assert build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",), overwrite=True).complete
+        build(one_roof_file, tmp_path, lod="0", outputs=("footprints",))
+    assert build(one_roof_file, tmp_path, lod="0", outputs=("footprints",), overwrite=True).complete
     assert {path.name for path in tmp_path.iterdir()} == {
         *("footprints.gpkg", "review.csv", "buildings.qgz", MANIFEST),
         *("notes.txt", "before-1"),
@@ -114,29 +115,29 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
 
 @pytest.mark.parametrize("per_tile", [False, True])
 def test_a_run_removes_what_was_left_half_written_under_its_names(
-    per_tile: bool, nine_roofs_file: Path, tmp_path: Path
+    per_tile: bool, one_roof_file: Path, tmp_path: Path
 ) -> None:
     for name in ("footprints.gpkg", MANIFEST, "mine.gpkg"):
         half = tmp_path / f".{name}.half" / name
         half.parent.mkdir()
         half.touch()
     words = {"outputs": ("footprints",), "lod": "0", "per_tile": per_tile}
-    assert eaves.build(nine_roofs_file, tmp_path, **words).found == 9
+    assert eaves.build(one_roof_file, tmp_path, **words).found == 1
     assert [path.name for path in tmp_path.glob(".*.half")] == [".mine.gpkg.half"]
 
 
 def test_a_run_that_did_not_end_is_no_result(
-    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    one_roof_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from eaves.flow import outputs
 
-    assert build(nine_roofs_file, tmp_path, lod="0").complete
+    assert build(one_roof_file, tmp_path, lod="0").complete
     monkeypatch.setattr(outputs, "write_run", lambda summary: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        build(nine_roofs_file, tmp_path, lod="0", formats=("geojson",))
+        build(one_roof_file, tmp_path, lod="0", formats=("geojson",))
     assert any("did not end" in line for line in check_folder(tmp_path))
     monkeypatch.undo()
-    assert build(nine_roofs_file, tmp_path, lod="0", resume=True).complete
+    assert build(one_roof_file, tmp_path, lod="0", resume=True).complete
     assert check_folder(tmp_path) == []
     assert not (tmp_path / "footprints.geojson").exists()
 
@@ -153,10 +154,10 @@ def test_a_manifest_never_leads_out_of_its_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("moment", ["read", "blocks", "write"])
 def test_an_input_that_changes_during_the_run_ends_it(
-    nine_roofs_file: Path, tmp_path: Path, moment: str
+    one_roof_file: Path, tmp_path: Path, moment: str
 ) -> None:
     points = tmp_path / "x.laz"
-    shutil.copy(nine_roofs_file, points)
+    shutil.copy(one_roof_file, points)
     before = points.stat()
 
     def edit(step: str, done: int, total: int) -> None:
@@ -174,10 +175,10 @@ def test_an_input_that_changes_during_the_run_ends_it(
 
 
 def test_an_input_edited_in_secret_is_computed_anew_by_a_resumed_run(
-    nine_roofs_file: Path, tmp_path: Path
+    one_roof_file: Path, tmp_path: Path
 ) -> None:
     points, out = tmp_path / "x.laz", tmp_path / "out"
-    shutil.copy(nine_roofs_file, points)
+    shutil.copy(one_roof_file, points)
     before = points.stat()
     first = open_run(points, out).plan
     with points.open("rb+") as file:
@@ -188,7 +189,7 @@ def test_an_input_edited_in_secret_is_computed_anew_by_a_resumed_run(
 
 
 def test_footprints_that_change_as_they_are_read_are_refused(
-    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    one_roof_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = tmp_path / "given.geojson"
     ring = [[0, 0], [9, 0], [9, 9], [0, 0]]
@@ -204,7 +205,7 @@ def test_footprints_that_change_as_they_are_read_are_refused(
 
     monkeypatch.setattr(run, "read_footprints", read_and_edit)
     with pytest.raises(InputError, match="changed while the run was reading it"):
-        open_run(nine_roofs_file, tmp_path / "out", footprints=given, allow_empty=True)
+        open_run(one_roof_file, tmp_path / "out", footprints=given, allow_empty=True)
 
 
 def test_names_that_differ_by_case_only_get_a_number_and_long_ones_are_cut() -> None:

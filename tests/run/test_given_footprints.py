@@ -53,6 +53,7 @@ EXPECTED = {"sliver": "no_area", "line": "no_area", "nowhere": "no_area", "far":
 EXPECTED |= {"other side": "outside"}
 
 
+@pytest.mark.slow
 def test_each_has_one_row_also_by_tiles_and_the_rest_stays_building(
     given: Path, nine_roofs_file: Path, tmp_path: Path
 ) -> None:

@@ -45,6 +45,7 @@ def test_few_points_are_isolated_only_where_they_are_sparse(tmp_path: Path) -> N
     assert len(find_isolated_blocks(store, blocks)) == 81
 
 
+@pytest.mark.slow
 def test_a_strewn_cloud_gives_valid_empty_results_at_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

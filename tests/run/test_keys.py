@@ -51,6 +51,7 @@ def test_a_key_tells_values_apart_to_the_last_bit() -> None:
     assert key_of(np.zeros(4)[::2]) == key_of(np.zeros(2))
 
 
+@pytest.mark.slow
 def test_another_level_finds_the_blocks_of_a_run_that_was_stopped(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,6 +79,7 @@ def test_a_hall_and_a_row_longer_than_two_blocks_come_out_once_and_whole(whole: 
         assert max(overlap) > 0.93
 
 
+@pytest.mark.slow
 def test_blocks_larger_than_the_buildings_find_the_same_two(
     points: Path, whole: Path, tmp_path: Path
 ) -> None:

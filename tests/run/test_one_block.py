@@ -9,6 +9,7 @@ import laspy
 import numpy as np
 import pytest
 from pyproj import CRS
+from tests.conftest import but_first
 from tests.test_documentation import DOCS
 
 import eaves
@@ -45,6 +46,7 @@ def check_same(tile: Path, folder: Path, names: dict[str, Any], **options: Any) 
         assert [row[column] for row in names["rows"]] == run.footprints[column].tolist()
 
 
+@pytest.mark.slow
 def test_the_loop_gives_the_buildings_of_a_survey(data: Path, tmp_path: Path) -> None:
     tile = data / "misc" / "delft_small.laz"
     check_same(tile, tmp_path, loop_of_the_guide(tile))
@@ -60,7 +62,7 @@ def test_the_loop_divides_rows_of_houses_as_a_run_does(data: Path, tmp_path: Pat
     assert sum(building.block is not None for building in names["buildings"]) > 100
 
 
-@pytest.mark.parametrize(("density", "lod"), [(4.0, "2.3"), (60.0, "2.2")])
+@pytest.mark.parametrize(("density", "lod"), but_first([(4.0, "2.3"), (60.0, "2.2")]))
 def test_the_loop_gives_the_buildings_of_drawn_houses(density: float, lod: str, tmp_path: Path) -> None:
     truth = nine_roofs_on_a_slope(density=density, noise=0.02, seed=1)
     tile = write_simulation(truth, tmp_path / "nine")["points"]
@@ -68,6 +70,7 @@ def test_the_loop_gives_the_buildings_of_drawn_houses(density: float, lod: str, 
     check_same(tile, tmp_path, names, lod=lod)
 
 
+@pytest.mark.slow
 def test_a_scan_in_feet_keeps_the_limits_of_its_unit(tmp_path: Path) -> None:
     truth = nine_roofs_on_a_slope(density=4.0, noise=0.02, seed=1)
     las = laspy.read(write_simulation(truth, tmp_path / "nine")["points"])

@@ -122,7 +122,7 @@ def test_a_damaged_part_is_named_and_computed_again(
     what: str,
     damage: Break,
     kept: Path,
-    nine_roofs_file: Path,
+    one_roof_file: Path,
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -134,17 +134,17 @@ def test_a_damaged_part_is_named_and_computed_again(
     broken = next((out / ".eaves-work").glob(what))
     damage(broken)
     with caplog.at_level(logging.WARNING, "eaves"):
-        assert build(nine_roofs_file, out, resume=True).complete
+        assert build(one_roof_file, out, resume=True).complete
     assert any(str(broken) in record.getMessage() for record in caplog.records)
     models = [(folder / "buildings.city.jsonl").read_text() for folder in (kept, out)]
     assert models[0] == models[1]
 
 
 @pytest.fixture(scope="module")
-def kept(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def kept(one_roof_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run with all its parts."""
     folder = tmp_path_factory.mktemp("kept") / "out"
-    assert build(nine_roofs_file, folder, keep=True).complete
+    assert build(one_roof_file, folder, keep=True).complete
     return folder
 
 

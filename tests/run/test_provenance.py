@@ -12,7 +12,7 @@ import laspy
 import pytest
 import rasterio
 
-from eaves.flow.exports import FOOTPRINT_FILES, MODEL_FILES
+from eaves.flow.formats import places_of_formats
 from eaves.formats.crs_check import vertical_datum
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.pipeline import build
@@ -27,9 +27,7 @@ def results(
     place = tmp_path_factory.mktemp("all")
     truth = nine_roofs_on_a_slope(density=2.0).placed(request.param)
     points = write_simulation(truth, place / "in")["points"]
-    formats = [name for name in (*FOOTPRINT_FILES, *MODEL_FILES) if name not in ("parquet", "ifc")] + [
-        "parquet"
-    ]
+    formats = [name for name in places_of_formats() if name not in ("copc", "ifc")]
     build(points, place / "out", formats=formats)
     datum = vertical_datum(truth.cloud.system)
     return place / "out", Provenance((points.name,), 1, datum["name"], str(datum["status"]))

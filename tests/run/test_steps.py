@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-from tests.conftest import build_in_blocks, write_laz
+from tests.conftest import build_in_blocks, but_first, write_laz
 
 import eaves
 from eaves.flow.intermediates import StepMaps, lines_of, split_parts
-from eaves.ground.contours import Contour
 from eaves.methods import resolve_method
 from eaves.model import Bounds, Raster
 from eaves.outline.alpha_shape import AlphaShape
+from eaves.raster.contours import Contour
 from eaves.raster.grid import empty_raster
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import SOURCES
+from eaves.recipe.sources import sources
 from eaves.simulate.objects.roofs import ExactScene
 
 FIRST = {
@@ -30,13 +30,13 @@ FIRST = {
 }
 
 
-@pytest.mark.parametrize("source", sorted(SOURCES))
+@pytest.mark.parametrize("source", but_first(sorted(sources(), reverse=True)))
 def test_each_step_of_a_source_is_a_map(source: str, nine_roofs_file: Path, tmp_path: Path) -> None:
     summary = eaves.build(nine_roofs_file, tmp_path, source=source, steps=True, outputs=("footprints",))
     maps = sorted((tmp_path / "steps").glob("*/*.tif"))
     titles = [path.stem.split("_", 1)[1] for path in maps]
     assert {*FIRST[source].split(), "ground_classes", "detect_regions"} <= set(titles)
-    assert {title.split("_")[0] for title in titles} <= set(SOURCES[source].methods)
+    assert {title.split("_")[0] for title in titles} <= set(sources()[source].methods)
     assert [path.stem for path in (tmp_path / "steps").glob("*.png")] == [maps[0].parent.name]
     for path in maps:
         with rasterio.open(path) as image:
@@ -53,6 +53,7 @@ def far_roofs_file(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFact
     return path
 
 
+@pytest.mark.slow
 def test_both_algorithms_of_a_source_are_seen__away_from_the_origin(
     far_roofs_file: Path, tmp_path: Path
 ) -> None:
@@ -97,6 +98,7 @@ def test_a_run_names_its_source_its_paper_and_whether_it_is_as_published(
     assert noted["as_published"] is published
 
 
+@pytest.mark.slow
 def test_the_maps_are_those_of_the_method(nine_roofs_file: Path, tmp_path: Path) -> None:
     eaves.build(nine_roofs_file, tmp_path, source="ren_fcs", steps=True, outputs=("classified",), lod="0")
     (cores,) = (tmp_path / "steps").glob("*/*_detect_cores.tif")
@@ -107,6 +109,7 @@ def test_the_maps_are_those_of_the_method(nine_roofs_file: Path, tmp_path: Path)
         assert np.array_equal(image.read(1), found["cores"].values)
 
 
+@pytest.mark.slow
 def test_steps_change_no_other_file(nine_roofs_file: Path, tmp_path: Path) -> None:
     for name, steps in (("with", True), ("without", False)):
         eaves.build(
@@ -134,6 +137,7 @@ def test_a_run_says_in_how_many_blocks_no_contour_lies_on_terrain(
     assert len(said) == without
 
 
+@pytest.mark.slow
 def test_blocks_without_contours_are_counted_over_all_tiles(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     west, south = 84_960.0, 447_120.0  # a corner of blocks
@@ -158,6 +162,7 @@ def test_blocks_without_contours_are_counted_over_all_tiles(tmp_path: Path) -> N
     assert starts == [{"blocks": 4, "without contours on terrain": 2}] * 3
 
 
+@pytest.mark.slow
 def test_ground_regions_are_drawn_where_outliers_leave_first(
     nine_roofs: ExactScene, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -16,16 +16,16 @@ from benchmarks.scale.faults import contents as file_contents
 from tests.conftest import build_in_blocks
 
 from eaves import pipeline
-from eaves.buildings.building_file import Kept
-from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit
-from eaves.change.upkeep.corrected import correct, outlines_in
-from eaves.change.upkeep.update import update
+from eaves.buildings.building_file import SavedBuildings
 from eaves.flow.step import Region
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, CoordinateSystem
 from eaves.model.summary import IncompleteRunError
 from eaves.run.manifest import check_folder, read_facts
 from eaves.simulate.objects.roofs import ExactScene
+from eaves.upkeep.corrected import correct, outlines_in
+from eaves.upkeep.edits import FLAT_ROOF, NO_BUILDING, Edit
+from eaves.upkeep.update import update
 
 SIDE = 60.0
 build = partial(build_in_blocks, SIDE, outputs=("footprints", "models", "rasters", "mask"))
@@ -72,6 +72,7 @@ def test_files_are_those_of_one_piece__a_house_lies_across_two_tiles(crossed: Pa
         assert facts[0][name] == facts[1][name]
 
 
+@pytest.mark.slow
 def test_given_footprints_are_modelled_once_each(
     nine_roofs: ExactScene, nine_roofs_file: Path, crossed: Path, tmp_path: Path
 ) -> None:
@@ -144,6 +145,7 @@ def test_a_run_that_was_broken_off_goes_on_with_the_tiles_left(crossed: Path, tm
     assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_a_tile_whose_file_is_broken_is_tried_again__and_no_other(crossed: Path, tmp_path: Path) -> None:
     build(crossed, tmp_path / "whole")
     good = (crossed / "east.laz").read_bytes()
@@ -155,6 +157,7 @@ def test_a_tile_whose_file_is_broken_is_tried_again__and_no_other(crossed: Path,
     assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_what_no_tile_can_reach_any_more_is_let_go(crossed: Path, tmp_path: Path) -> None:
     """Four copies of the scene, far apart, take about the room of one."""
     rooms: list[int] = []
@@ -180,17 +183,18 @@ def test_what_no_tile_can_reach_any_more_is_let_go(crossed: Path, tmp_path: Path
 
 def test_edits_are_carried_out_as_in_one_piece(crossed: Path, tmp_path: Path) -> None:
     def edited(region: Region, owners: list[Block]) -> list[Block]:
-        outlines = list(outlines_in(Kept(region.store), SIDE).items())
+        outlines = list(outlines_in(SavedBuildings(region.store), SIDE).items())
         verdicts = zip(outlines, (FLAT_ROOF, NO_BUILDING, FLAT_ROOF), strict=False)
         found = correct(region, [Edit(verdict, outline, name) for (name, outline), verdict in verdicts])
         assert (len(found.modelled), len(found.removed)) == (2, 1)
-        return Kept(region.store).owners(SIDE)
+        return SavedBuildings(region.store).owners(SIDE)
 
     assert build(crossed, tmp_path / "whole", correction=edited).found == 8
     assert tiled(crossed, tmp_path / "tiled", correction=edited).found == 8
     assert contents(tmp_path / "tiled") == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_a_run_by_tiles_is_opened_again_for_edits(crossed: Path, tmp_path: Path) -> None:
     pipeline.build(crossed, tmp_path, per_tile=True, outputs=("footprints", "models"))
     name = json.loads((tmp_path / "buildings.city.jsonl").read_text("utf-8").splitlines()[1])["id"]

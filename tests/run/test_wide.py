@@ -28,6 +28,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [60.0, pytest.param(240.0, marks=pytest.mark.slow)])
 def test_a_hall_wider_than_a_block_is_one_building(survey: Path, tmp_path: Path, block: float) -> None:
     summary = build_in_blocks(block, survey, tmp_path, eaves.make_recipe(lod="0"))

@@ -88,6 +88,7 @@ def test_a_run_with_bounds_knows_and_writes_nothing_outside(
     assert f"{summary.points_used:,} of {summary.points:,} points" in summary.as_text()
 
 
+@pytest.mark.slow
 def test_a_clip_area_that_is_a_rectangle_gives_the_buildings_of_the_same_bounds(
     inputs: dict[str, Path], tmp_path: Path
 ) -> None:

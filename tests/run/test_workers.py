@@ -69,6 +69,7 @@ def test_the_tasks_of_a_killed_process_are_tried_again(tmp_path: Path) -> None:
     assert [outcome.answer for outcome in outcomes] == ["alive"] * 3
 
 
+@pytest.mark.slow
 def test_only_the_task_that_kills_its_process_fails() -> None:
     outcomes = run(die, [1, 0, 2, 3, 4, 5], 2, 2 * LEAST)
     assert [outcome.answer for outcome in outcomes] == [1, None, 2, 3, 4, 5]
@@ -86,6 +87,7 @@ def pid_after_a_while(seconds: float) -> int:
     return os.getpid()
 
 
+@pytest.mark.slow
 def test_the_process_that_starts_others_is_one_of_them__not_where_memory_is_limited() -> None:
     assert os.getpid() in {outcome.answer for outcome in run(pid_after_a_while, [0.01] * 8, 2)}
     assert len({outcome.answer for outcome in run(pid_after_a_while, [1.0] * 4, 3)}) == 3

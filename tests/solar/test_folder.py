@@ -101,6 +101,7 @@ def test_grid_north_is_where_the_map_projection_has_it() -> None:
     assert convergence_of(utm, 50.0, 7.0) < -1.5
 
 
+@pytest.mark.slow
 def test_command_says_what_is_missing(nine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="has no dsm"):
         measure_solar(tmp_path)

@@ -23,6 +23,7 @@ from eaves.solar.sun import (
     read_epw,
     sun_position,
 )
+from tests.judges import judging_module
 
 HALF, CELL = 200, 0.5
 """Half the side of a square of cells about (0, 0), and their side (m)."""
@@ -273,7 +274,7 @@ def test_sum_that_no_sky_gives_is_refused(annual: float) -> None:
 
 def test_transposition_is_that_of_pvlib() -> None:
     """Unshaded planes by hour, and the sun's place, where pvlib is installed."""
-    irradiance = pytest.importorskip("pvlib.irradiance")
+    irradiance = judging_module("pvlib.irradiance")
     hours: Hours = clear_hours(52.0, 4.4, 3.0, 0.0)
     for slope, azimuth in ((0.0, 180.0), (35.0, 180.0), (45.0, 90.0), (60.0, 315.0), (20.0, 0.0)):
         normal = tilted(slope, azimuth)

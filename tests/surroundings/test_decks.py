@@ -88,6 +88,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_footbridge_is_no_building_whatever_the_blocks_are(survey: Path, tmp_path: Path) -> None:
     found = []
     for block in (60.0, 240.0):
@@ -102,6 +103,7 @@ def test_a_footbridge_is_no_building_whatever_the_blocks_are(survey: Path, tmp_p
     assert (found[1][kind == 2] == 6).mean() > 0.97
 
 
+@pytest.mark.slow
 def test_no_output_changes_another(survey: Path, tmp_path: Path) -> None:
     written = []
     for name, outputs in (("all", ("footprints", "models", "mask", "classified")), ("one", ("footprints",))):
@@ -111,6 +113,7 @@ def test_no_output_changes_another(survey: Path, tmp_path: Path) -> None:
     assert written[0] == written[1]
 
 
+@pytest.mark.slow
 def test_without_classes_of_their_own_decks_stay_what_they_were(survey: Path, tmp_path: Path) -> None:
     recipe = eaves.make_recipe(lod="0", classes=(2, 6))
     eaves.build(survey, tmp_path, recipe)

@@ -157,7 +157,7 @@ class BlockView:
     signs: NDArray[np.float64] | None = None
 
 
-def see_regions(
+def inputs_of_regions(
     block: Block,
     points: PointWindow,
     ground: Mapping[Block, Mapping[str, NDArray[np.uint8]]],
@@ -174,7 +174,7 @@ def see_regions(
     )
 
 
-def see_scenes(
+def inputs_of_signs(
     block: Block,
     points: PointWindow,
     ground: Mapping[Block, Mapping[str, NDArray[np.uint8]]],
@@ -183,7 +183,7 @@ def see_scenes(
     parameters: Recipe,
 ) -> BlockView:
     """View of a block in which the detector counts signs."""
-    return see_regions(block, points, ground, large, decks, {}, parameters)
+    return inputs_of_regions(block, points, ground, large, decks, {}, parameters)
 
 
 def find_signs(view: BlockView, parameters: Recipe) -> dict[str, NDArray[Any]]:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.blocks.ground import STARTS
 from eaves.model import (
     BUILDING,
     GRID_STEP,
@@ -28,7 +27,7 @@ from eaves.model import (
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
 from eaves.run.part_file import PartFile, packed, unpack
-from eaves.run.store import SECONDS
+from eaves.run.store import SECONDS, STARTS
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -158,7 +157,7 @@ def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
     return sides
 
 
-def see_shown(
+def inputs_of_shown(
     block: Block,
     regions: Mapping[Block, BlockFile],
     ground: Mapping[Block, Mapping[str, NDArray[Any]]],

@@ -31,7 +31,7 @@ from eaves.model import (
 from eaves.model.block import extremes
 from eaves.run.clock import Clock
 from eaves.run.points import PointWindow
-from eaves.run.store import SECONDS
+from eaves.run.store import SECONDS, STARTS
 from eaves.run.world_squares import WIDE_SQUARE, around_squares, within
 from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 
@@ -44,8 +44,6 @@ nothing."""
 DECK_REACH = 4.0 * RULES.widest + COARSEST_M
 """Distance (m) from a square within which large objects decide its decks."""
 
-STARTS = "starts"
-"""Array of a block's result: how many its terrain begins with, of a filter that names them."""
 Records = NDArray[Any]
 BlockPoints = tuple[Block, NDArray[np.int32]]
 
@@ -58,7 +56,9 @@ class SquareFloor:
     floor: Floor | None
 
 
-def see_points(block: Block, points: Mapping[Block, tuple[Records, bool]], parameters: object) -> BlockPoints:
+def inputs_of_floors(
+    block: Block, points: Mapping[Block, tuple[Records, bool]], parameters: object
+) -> BlockPoints:
     """A block with its points (N,), in quanta about its corner; what the file calls noise stays out."""
     records, classified = points[block]
     if classified:
@@ -75,7 +75,7 @@ def find_floor(view: BlockPoints, parameters: object) -> Floor:
     return floor
 
 
-def see_floors(square: Block, floors: Mapping[Block, Floor], parameters: Recipe) -> SquareFloor:
+def inputs_of_large(square: Block, floors: Mapping[Block, Floor], parameters: Recipe) -> SquareFloor:
     """A square and the floor of its surroundings, of the floors of the blocks there."""
     pieces = list(floors.values())
     if not pieces:
@@ -95,11 +95,11 @@ def find_large(view: SquareFloor, parameters: Recipe) -> tuple[Patch, ...]:
     return () if patch is None else (patch.cropped(view.square.bounds.buffered(DECK_REACH)),)
 
 
-def see_decks(
+def inputs_of_decks(
     square: Block, floors: Mapping[Block, Floor], large: Mapping[Block, tuple[Patch, ...]], parameters: Recipe
 ) -> tuple[Block, tuple[Decks, Mask] | None]:
     """A square and all that decides the decks in it."""
-    floor = see_floors(square, floors, parameters).floor
+    floor = inputs_of_large(square, floors, parameters).floor
     raised = next(iter(large[square]), None)
     return square, None if floor is None else look_around(floor, square.bounds, raised)
 
@@ -198,7 +198,7 @@ class GroundView:
     large: WideObjects | None
 
 
-def see_ground(
+def inputs_of_ground(
     block: Block, points: PointWindow, large: Mapping[Block, tuple[Patch, ...]], parameters: Recipe
 ) -> GroundView:
     """View of a block from which its ground is computed."""

@@ -25,7 +25,7 @@ class Smoothed:
     around: Points
 
 
-def see_smoothed(block: Block, points: Mapping[Block, NDArray[Any]], parameters: object) -> Smoothed:
+def inputs_of_sharpened(block: Block, points: Mapping[Block, NDArray[Any]], parameters: object) -> Smoothed:
     """The points of a block and of its surroundings, as they were read."""
     own, around = np.zeros((0, 3)), list[Points]()
     limits = np.array([-MARGIN, block.side + MARGIN])

@@ -38,7 +38,7 @@ class Scans(Protocol):
         """The number of the first input of each later scan."""
 
 
-def see_scans(
+def inputs_of_superseded(
     block: Block, scans: Mapping[Block, list[tuple[int, Records]]], parameters: object
 ) -> dict[Block, list[tuple[int, Records]]]:
     """The points of a block, first, and of those around it, by the number of their input."""

@@ -34,7 +34,7 @@ COVER_CELL = 0.5
 """Side (m) of the cells in which is counted how much of a block has points."""
 
 
-def see_files(
+def inputs_of_thinned(
     block: Block, points: Mapping[Block, list[Records]], parameters: object
 ) -> tuple[Block, list[Records]]:
     """A block with its points, those of each file in canonical order."""

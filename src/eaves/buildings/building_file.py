@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.figures.rows import BuildingRow
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED
@@ -141,7 +141,7 @@ def load_buildings(path: Path) -> list[SavedBuilding]:
 
 
 @dataclass(frozen=True)
-class Kept:
+class SavedBuildings:
     """The buildings of a store, of each owner block those in the first of some layers that has it."""
 
     store: Store
@@ -189,14 +189,14 @@ class Kept:
         return read_section(path, name) if state.st_size > SMALL_PART else read_answers(path, mark)
 
 
-def as_found(store: Store) -> Kept:
+def found_buildings(store: Store) -> SavedBuildings:
     """The buildings of a store as its run found them, before any edit."""
-    return Kept(store, (NAMED, BUILDINGS))
+    return SavedBuildings(store, (NAMED, BUILDINGS))
 
 
 def load_found(store: Store, owner: Block) -> dict[str, NDArray[Any]]:
     """The arrays of the buildings of a block as its run found them; empty for none."""
-    path = as_found(store).path(owner)
+    path = found_buildings(store).path(owner)
     return {} if path is None else load_part(path)
 
 
@@ -213,7 +213,7 @@ class Numbers:
     next: tuple[int, int]
 
 
-def read_numbers(buildings: Kept) -> Numbers | None:
+def read_numbers(buildings: SavedBuildings) -> Numbers | None:
     """The numbers of buildings that were kept; None where they are numbered in their order."""
     path = buildings.store.folder / NUMBERS
     if not path.exists():
@@ -222,7 +222,7 @@ def read_numbers(buildings: Kept) -> Numbers | None:
     return Numbers({name: tuple(numbers) for name, numbers in content["of"].items()}, tuple(content["next"]))
 
 
-def count_planes(buildings: Kept, owners: Sequence[Block]) -> dict[str, int]:
+def count_planes(buildings: SavedBuildings, owners: Sequence[Block]) -> dict[str, int]:
     """Id → how many planes the points of a building bear, in the order of the buildings."""
     counts = {}
     for owner in owners:
@@ -231,7 +231,7 @@ def count_planes(buildings: Kept, owners: Sequence[Block]) -> dict[str, int]:
     return counts
 
 
-def numbers_of_owners(buildings: Kept, owners: Sequence[Block]) -> Numbers:
+def numbers_of_owners(buildings: SavedBuildings, owners: Sequence[Block]) -> Numbers:
     """The numbers of all buildings, those of the `owners`."""
     return read_numbers(buildings) or continued(Numbers({}, (1, 0)), count_planes(buildings, owners))
 
@@ -248,7 +248,7 @@ def continued(before: Numbers, planes: dict[str, int]) -> Numbers:
     return replace(before, of=of, next=(number, plane))
 
 
-def keep_numbers(buildings: Kept, owners: Sequence[Block], before: Numbers) -> None:
+def keep_numbers(buildings: SavedBuildings, owners: Sequence[Block], before: Numbers) -> None:
     """Write the numbers of buildings: those before, and what follows for owner blocks that changed."""
     now = continued(before, count_planes(buildings, owners))
     with atomic(buildings.store.folder / NUMBERS) as temporary:

@@ -82,7 +82,7 @@ class GatheredOrders:
     points: Mapping[str, BuildingPoints | Failure]
 
 
-def see_orders(
+def inputs_of_edited(
     unit: OwnedOrders,
     regions: Mapping[Block, BlockFile],
     found: Mapping[Block, Mapping[str, NDArray[Any]]],

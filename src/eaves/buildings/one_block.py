@@ -16,10 +16,10 @@ from eaves.blocks.ground import (
     find_floor,
     find_large,
     find_square_decks,
+    inputs_of_decks,
+    inputs_of_floors,
+    inputs_of_large,
     objects_around,
-    see_decks,
-    see_floors,
-    see_points,
     surroundings_of,
 )
 from eaves.blocks.thinned import find_thinned
@@ -136,7 +136,7 @@ def find_surroundings(cloud: PointCloud, recipe: Recipe) -> Surroundings:
     check_type(cloud, PointCloud, "cloud", "use prepare_points(eaves.read(path))")
     block = Block.at(*cloud.origin)
     points = {block: (records_of(cloud), cloud.classification is not None)}
-    floor = find_floor(see_points(block, points, None), None)
+    floor = find_floor(inputs_of_floors(block, points, None), None)
     large, decks = dict[Block, tuple[Patch, ...]](), dict[Block, tuple[Decks, ...]]()
 
     def near(found: Mapping[Block, Any], reach: float) -> dict[Block, Any]:
@@ -147,9 +147,9 @@ def find_surroundings(cloud: PointCloud, recipe: Recipe) -> Surroundings:
     for square in squares_of(block.bounds.buffered(max(reaches)), WIDE_SQUARE) if recipe.sees_wide else ():
         seen = block in squares_of(square.bounds.buffered(recipe.wide_buffer), block.side)
         floors = {block: floor} if seen else {}
-        large[square] = find_large(see_floors(square, floors, recipe), recipe)
+        large[square] = find_large(inputs_of_large(square, floors, recipe), recipe)
         if recipe.sees_decks:
-            decks[square] = find_square_decks(see_decks(square, floors, large, recipe), recipe)
+            decks[square] = find_square_decks(inputs_of_decks(square, floors, large, recipe), recipe)
     wide = objects_around(block, near(large, reaches[0]), recipe) if recipe.sees_wide else None
     around = surroundings_of(block, near(large, reaches[1]), near(decks, reaches[1]), recipe)
     return replace(around, large=wide)

@@ -74,7 +74,7 @@ class GatheredBuildings:
     addresses: tuple[Footprint, ...]
 
 
-def see_buildings(
+def inputs_of_buildings(
     plan: OwnedBuildings, regions: Mapping[Block, BlockFile], points: object, parameters: BuildingParameters
 ) -> GatheredBuildings:
     """View of the buildings of an owner block from which they are computed: their points and surroundings."""

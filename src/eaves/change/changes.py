@@ -10,8 +10,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.change.epoch import Epoch
 from eaves.change.shift import Shift
 from eaves.change.verdict import NOT_COVERED, UNCHANGED, UNCLEAR, Verdict
-from eaves.flow.advice import FEWEST
-from eaves.flow.results import frame_of
+from eaves.flow import FEWEST, frame_of
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame

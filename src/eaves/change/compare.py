@@ -30,11 +30,9 @@ from eaves.change.measure import REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
 from eaves.change.verdict import ChangeRules, Verdict, judge_building
-from eaves.figures.party_walls import PARTY_GAP
-from eaves.flow.advice import STRIP_CELL
-from eaves.flow.run import Progress, no_progress
-from eaves.geometry.components import members
-from eaves.geometry.inside import edges_of, points_in_polygons
+from eaves.figures import PARTY_GAP
+from eaves.flow import STRIP_CELL, Progress, no_progress
+from eaves.geometry import edges_of, members, points_in_polygons
 from eaves.model import Block, Bounds, PointCloud, Points
 
 BESIDE_M = 1.5

@@ -14,17 +14,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from eaves.flow.region import open_region, read_points
-from eaves.flow.run import open_run
-from eaves.flow.step import Region
-from eaves.formats import InputError, read_polygons
-from eaves.formats.crs import horizontal_crs
-from eaves.formats.inputs import is_classified
+from eaves.flow import Region, open_region, open_run, read_points
+from eaves.formats import InputError, horizontal_crs, is_classified, read_polygons
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
-from eaves.run.manifest import MANIFEST, read_facts, read_manifest
-from eaves.run.points import load_window
-from eaves.run.workers import Workers
-from eaves.run.world_squares import squares_of
+from eaves.run import MANIFEST, Workers, load_window, read_facts, read_manifest, squares_of
 
 log = logging.getLogger("eaves")
 

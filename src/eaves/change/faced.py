@@ -18,9 +18,9 @@ from eaves.change.measure import SMOOTHEST, classes_of
 from eaves.change.shift import TRIM
 from eaves.change.surface import point_planes
 from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, patches_of
-from eaves.detect.toolkit.cells import Cells
-from eaves.flow.advice import STRIP_CELL
-from eaves.geometry.neighbours import nearest
+from eaves.detect import Cells
+from eaves.flow import STRIP_CELL
+from eaves.geometry import nearest
 from eaves.model import BUILDING, Mask, PointCloud, Points, Values
 
 IN_PLAN = np.array([1.0, 1.0, 0.0])

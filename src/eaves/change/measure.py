@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from eaves.change.epoch import Epoch
 from eaves.change.shift import TRIM, Shift, fit_shift
 from eaves.change.surface import nearest_distances, point_planes
-from eaves.flow.advice import FEWEST, STRIP_CELL
-from eaves.flow.run import Progress
-from eaves.geometry.neighbours import measure_spacing
+from eaves.flow import FEWEST, STRIP_CELL, Progress
+from eaves.geometry import measure_spacing
 from eaves.model import BUILDING, GROUND, Block, PointCloud
+from eaves.upkeep import SAME_SURFACE_M
 
 REACH = 6.0
 """Width of the surroundings of a block that its points are faced with (m): more than any radius."""
@@ -28,9 +28,6 @@ BLOCKS_FOR_SHIFT = 60
 
 SMOOTHEST = 0.08
 """Noise of tiles and gravel (m) under which no roof lies."""
-
-TOLERANCE = 0.25
-"""A surface nearer than this (m) is the same one: half of the smallest change that must be found."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
     shift = replace(fitted, up=up, pairs=fitted.pairs or first.pairs)
     rough = np.concatenate(roughness)
     typical = float(np.median(rough)) if len(rough) else SMOOTHEST / TRIM
-    return Measured((one, other), shift, typical, max(TOLERANCE, 4.0 * shift.noise), radius)
+    return Measured((one, other), shift, typical, max(SAME_SURFACE_M, 4.0 * shift.noise), radius)
 
 
 def ground_differences(old: PointCloud, new: PointCloud) -> NDArray[np.float64]:

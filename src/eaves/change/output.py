@@ -11,8 +11,7 @@ from typing import Any
 from eaves.change.changes import Comparison
 from eaves.change.faced import outline_of
 from eaves.change.verdict import UNCHANGED, VERDICTS
-from eaves.formats.atomic import atomic
-from eaves.formats.vectors.geopackage import Row, write_layers
+from eaves.formats import Row, atomic, write_layers
 
 LAYER, TABLE, SUMMARY = "changes.gpkg", "changes.csv", "changes.json"
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.flow.advice import FEWEST
+from eaves.flow import FEWEST
 from eaves.model import Values
 
 TRIM = 3.0
@@ -22,7 +22,7 @@ ROUNDS = 8
 """Rounds of trimming and fitting; they settle after three or four."""
 
 SPREAD = 0.05
-"""Slopes that scatter less hold dx and dy no more than the wish for none does: a town of flat roofs."""
+"""Where slopes scatter less (a town of flat roofs), the ridge holds dx and dy near 0."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.change.changes import BuildingChange
 from eaves.change.epoch import Building
-from eaves.geometry.overlaps import half_shared, pair_off
+from eaves.geometry import half_shared, pair_off
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.detect.toolkit.cells import Cells
-from eaves.geometry.planes import local_planes
+from eaves.detect import Cells
+from eaves.geometry import local_planes
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import BUILDING, GROUND, Integers, Mask, Points, Values
 

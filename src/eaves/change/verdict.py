@@ -11,7 +11,6 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.change.measure import TOLERANCE
 from eaves.change.surface import (
     GROUND_BELOW,
     HIDDEN,
@@ -22,10 +21,10 @@ from eaves.change.surface import (
     SAME,
     UNSEEN,
 )
-from eaves.detect.consensus.parts import VehicleRules, find_vehicles
-from eaves.detect.stage import MIN_HEIGHT_M
-from eaves.geometry.components import connected_groups_kernel, members
+from eaves.detect import MIN_HEIGHT_M, VehicleRules, find_vehicles
+from eaves.geometry import connected_groups_kernel, members
 from eaves.model import Mask, Points, Values
+from eaves.upkeep import NARROWEST_CHANGE_M, SAME_SURFACE_M, SMALLEST_CHANGE_M2
 
 UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED = "unchanged", "new", "demolished", "raised", "lowered"
 EXTENDED, PARTLY_DEMOLISHED, ROOF_REPLACED = "extended", "partly demolished", "roof replaced"
@@ -41,9 +40,8 @@ VERDICTS = (
 class ChangeRules:
     """From what size on a difference is a change."""
 
-    smallest_m2: float = 2.5
-    """A patch of roof that came or went is at least so large; half of an annex of 4 m² lies too near to the
-    house to be seen apart from it."""
+    smallest_m2: float = SMALLEST_CHANGE_M2
+    """A patch of roof that came or went is at least so large."""
     smallest_beside_m2: float = 5.0
     """The same for a patch that most of its run did not take for a building: a hedge, a stack."""
     smallest_alone_m2: float = 25.0
@@ -51,8 +49,8 @@ class ChangeRules:
     least_moved: float = 0.15
     """A roof that moved does so over this share of its building: what is smaller is a balcony, a dormer or
     plant, which one flight sees and the other does not."""
-    narrowest: float = 0.8
-    """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
+    narrowest: float = NARROWEST_CHANGE_M
+    """A patch is as wide as this (m) somewhere."""
     flat: float = 0.3
     """Share of a patch's points that lie on planes: crowns have fewer."""
     lowest: float = MIN_HEIGHT_M
@@ -259,7 +257,7 @@ def judge_parts(
 def kind_of_move(rise: Values) -> str:
     """Raised or lowered when the middle half of the points moved alike, else replaced."""
     low, high = np.percentile(rise, (25, 75))
-    if high - low > TOLERANCE or low * high < 0:
+    if high - low > SAME_SURFACE_M or low * high < 0:
         return ROOF_REPLACED
     return RAISED if low > 0 else LOWERED
 

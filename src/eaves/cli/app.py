@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from importlib import import_module
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Annotated, cast
 
 import typer
 
+from eaves import extensions
 from eaves.cli.options import PanelledCommand, with_signature
 from eaves.cli.runs import (
     COMPLETE,
@@ -22,6 +22,7 @@ from eaves.cli.runs import (
     report_aborts,
     report_error,
 )
+from eaves.extensions import imported, installed
 from eaves.run.memory import collect_rarely
 
 
@@ -62,17 +63,22 @@ def methods(
 
 
 COMMANDS = {
-    **{"build": "compute", "info": "compute", "compare": "time", "update": "time"},
-    **dict.fromkeys(("validate", "evaluate", "view", "export", "solar"), "results"),
-    **dict.fromkeys(("ground", "detect", "reconstruct"), "compute"),
-    **{"simulate": "scenes", "methods": "app", "doctor": "app", "demo": "scenes"},
+    **dict.fromkeys(("build", "info", "ground", "detect", "reconstruct", "update"), "eaves.cli.compute"),
+    **dict.fromkeys(("validate", "view"), "eaves.cli.results"),
+    **dict.fromkeys(("methods", "doctor"), "eaves.cli.app"),
 }
-"""Command → the module of this folder that holds it; only those asked for are imported."""
+"""Command of the core → its module; only those asked for are imported. Installed packages bring others."""
 
 
-def commands_of(names: Iterable[str]) -> list[Callable[..., None]]:
-    """The functions of commands."""
-    return [getattr(import_module(f"eaves.cli.{COMMANDS[name]}"), name) for name in names]
+def command_of(name: str, place: str) -> Callable[..., None]:
+    """The function of a command."""
+    return cast(Callable[..., None], imported(place if ":" in place else f"{place}:{name}"))
+
+
+def commands_of(asked: str = "") -> list[Callable[..., None]]:
+    """The function of a command if there is such a one, else those of all."""
+    places = COMMANDS if asked in COMMANDS else {**COMMANDS, **installed(extensions.COMMANDS)}
+    return [command_of(*one) for one in places.items() if asked in ("", one[0])]
 
 
 def make_app(commands: Sequence[Callable[..., None]] = ()) -> typer.Typer:
@@ -85,7 +91,7 @@ def make_app(commands: Sequence[Callable[..., None]] = ()) -> typer.Typer:
         rich_markup_mode=None,
     )
     made.callback()(first)
-    for command in commands or commands_of(COMMANDS):
+    for command in commands or commands_of():
         made.command(cls=PanelledCommand)(with_signature(command))
     return made
 
@@ -106,11 +112,11 @@ def main() -> None:
     collect_rarely()
     # matrices here are small: a second thread of BLAS only waits, and each process would have its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    asked = commands_of(name for name in COMMANDS if name in sys.argv[1:2])
-    if not asked and "_EAVES_COMPLETE" not in os.environ:
-        asked = [without_options(command) for command in commands_of(COMMANDS)]
     with count_interrupts() as interrupts:
         try:
+            asked = commands_of(sys.argv[1]) if len(sys.argv) > 1 else []
+            if not asked and "_EAVES_COMPLETE" not in os.environ:
+                asked = [without_options(command) for command in commands_of()]
             status = make_app(asked)(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code

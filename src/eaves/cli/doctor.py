@@ -1,16 +1,15 @@
-"""The checks of `eaves doctor`: versions, drivers, grids, cores, caches; and a small scene built."""
+"""The checks of `eaves doctor`: versions, drivers, grids, cores, caches; and those of other packages."""
 
 from __future__ import annotations
 
 import os
 import platform
 import sys
-import tempfile
-import time
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from eaves.extensions import CHECKS, imported, installed
 from eaves.kernels import compiled_pieces, library
 from eaves.run.memory import physical_memory
 
@@ -24,8 +23,6 @@ EXTRAS = {
 }
 """Extra → the library that it brings."""
 DRIVERS = ("GPKG", "FlatGeobuf", "GeoJSON", "ESRI Shapefile")
-TEST_DENSITY = 8.0
-"""Points a square metre of the town that is built."""
 
 
 def describe_installation() -> Iterator[str]:
@@ -71,33 +68,14 @@ def cache_folder() -> str:
     return f"{place} ({compiled_pieces()} pieces{'' if writable else '; not writable: set NUMBA_CACHE_DIR'})"
 
 
-def check_installation() -> tuple[bool, str]:
-    """True if nine houses are found and modelled from their simulated points, and a line that says so."""
-    from eaves.pipeline import build
-    from eaves.simulate import nine_roofs_on_a_slope, write_simulation
-    from eaves.validate import validate_file
-
-    started = time.perf_counter()
-    with tempfile.TemporaryDirectory(prefix="eaves-doctor-") as folder:
-        scene = nine_roofs_on_a_slope(density=TEST_DENSITY, noise=0.02, seed=1)
-        files = write_simulation(scene, Path(folder) / "scene")
-        summary = build(files["points"], Path(folder) / "out", jobs=1, outputs=("footprints", "models"))
-        findings = validate_file(Path(folder) / "out" / "buildings.city.jsonl")
-    wanted = len(scene.buildings)
-    good = summary.found == summary.modelled == wanted and not findings
-    return good, (
-        f"self-test: {summary.found} of {wanted} buildings found, {summary.modelled} modelled, "
-        f"{len(findings)} defects, {time.perf_counter() - started:.0f} s: {'good' if good else 'NOT GOOD'}"
-    )
-
-
 def run_doctor(test: bool = True) -> int:
-    """Print all of it; 0 when the self-test is good, else 1."""
+    """Print all of it, then the checks that installed packages bring; 0 when these are good, else 1."""
     for line in describe_installation():
         sys.stdout.write(line + "\n")
-    if not test:
-        return 0
-    sys.stdout.flush()
-    good, line = check_installation()
-    sys.stdout.write(line + "\n")
+    good = True
+    for place in installed(CHECKS).values() if test else ():
+        sys.stdout.flush()
+        passed, line = imported(place)()
+        sys.stdout.write(line + "\n")
+        good &= passed
     return 0 if good else 1

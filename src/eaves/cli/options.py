@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand
 
+from eaves.extensions import FORMATS, installed
+
 if TYPE_CHECKING:
     from eaves.run.options import Declared
 
@@ -142,13 +144,15 @@ def parameter_name(flag: str) -> str:
 
 def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
     """An option of a run as a parameter that typer reads."""
-    from eaves.run.options import DECLARED, METHOD_OPTIONS
+    from eaves.run.options import BROUGHT, DECLARED, METHOD_OPTIONS
 
     words = re.sub(r"`(\w+)`", lambda found: DECLARED[found[1]].flag if found[1] in DECLARED else found[0],
                    one.option.sentence)  # fmt: skip
     if one.name in METHOD_OPTIONS:
         words = "A method's name, see `eaves methods`, or MODULE:CLASS of another."
         words += " With off, blocks stay whole." if one.name == "units" else ""
+    if BROUGHT in words:
+        words = words.replace(BROUGHT, "".join(f", {name}" for name in installed(FORMATS)))
     default: Any = one.option.default
     kind: Any = str if "str" in one.words or "Sequence" in one.words else one.kind
     kind, default = (kind, default) if isinstance(default, bool | float | int) else (kind | None, None)

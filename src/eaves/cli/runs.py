@@ -72,7 +72,7 @@ def report_aborts() -> None:
 
 def report_error(error: Exception) -> int:
     """Print in one line what went wrong; the exit status. Unforeseen errors are raised again."""
-    from eaves.formats.atomic import DiskFullError
+    from eaves.formats.whole_files import DiskFullError
 
     status, line = MISUSE, " ".join(str(error).split())
     # a wrong option; typer contains its own click, so its classes have no fixed name
@@ -111,7 +111,7 @@ def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
     except FileNotFoundError:
         raise ValueError(f"{path}: there is no such configuration file; check --config") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid TOML ({error}); mend the file") from None
+        raise ValueError(f"{path}: not valid TOML ({error}); fix the file") from None
     for stage, table in tables.items():
         if stage not in REGISTRY or not isinstance(table, dict):
             raise ValueError(f"{path}: unknown table '{stage}'; choose among: {', '.join(REGISTRY)}")
@@ -299,6 +299,14 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
     logging.getLogger("eaves.kernels").setLevel(logging.ERROR)  # `run_display` says it
 
 
+def start_run_log(quiet: bool, verbose: bool) -> None:
+    """Start the log, and import libraries without what they bring along, which would double the start."""
+    from eaves.run.workers import import_libraries_alone
+
+    import_libraries_alone()
+    start_log(quiet, verbose)
+
+
 @contextmanager
 def run_display(quiet: bool) -> Iterator[Any]:
     """The progress of a run; in a first run also that of compiling."""
@@ -327,9 +335,9 @@ def progress_display(quiet: bool, compiling: bool = False) -> Any:
 
 def describe_sources() -> Iterator[str]:
     """Lines on every published system: what it delivers, its paper, and the command that runs it."""
-    from eaves.recipe.sources import SOURCES
+    from eaves.recipe.sources import sources
 
-    for source in SOURCES.values():
+    for source in sources().values():
         yield f"{source.name}: {source.delivers}"
         yield f"  {source.title} [{source.paper}]"
         yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
@@ -338,20 +346,20 @@ def describe_sources() -> Iterator[str]:
 
 def describe_methods(stage: str | None) -> Iterator[str]:
     """Lines on every method, or on those of one stage with their parameters."""
-    from eaves.methods import DEFAULTS, REGISTRY, ContractError, installed_methods, method_class
+    from eaves.methods import DEFAULTS, REGISTRY, ContractError, method_class, methods_of
 
     if stage is not None and stage not in REGISTRY:
         raise ValueError(f"unknown stage '{stage}'; choose one of: {', '.join(REGISTRY)}")
     for name in [stage] if stage else list(REGISTRY):
         yield name
-        for method, place in {**REGISTRY[name], **installed_methods(name)}.items():
+        for method, place in methods_of(name).items():
             try:
                 cls = method_class(name, method)
             except (ValueError, ContractError) as error:
                 yield f"  {method}: {error}"
                 continue
             mark = " (default)" if DEFAULTS[name] == method else ""
-            source = cls.paper if method in REGISTRY[name] else place
+            source = cls.paper or place
             yield f"  {method}{mark}: {cls.idea} [{source}]"
             for key, field in cls.model_fields.items() if stage else ():
                 extra: Any = field.json_schema_extra or {}

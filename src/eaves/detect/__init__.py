@@ -1,5 +1,5 @@
 """Detection: which points belong to which building."""
 
-from eaves.detect.stage import Detector, detect_buildings
+import lazy_loader
 
-__all__ = ["Detector", "detect_buildings"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

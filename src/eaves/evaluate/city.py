@@ -11,11 +11,8 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from eaves.formats import CityObject, read_cityjson
-from eaves.formats.models.cityjson_read import has_corners
-from eaves.geometry.face_table import FaceTable
-from eaves.geometry.rings import polygon_parts
-from eaves.geometry.roof_fit import RoofFaces
+from eaves.formats import CityObject, has_corners, read_cityjson
+from eaves.geometry import FaceTable, RoofFaces, polygon_parts
 from eaves.model import GROUND_SURFACE, LOCAL_METRES, ROOF_SURFACE, CoordinateSystem, Points
 
 FLATTEST = 0.02

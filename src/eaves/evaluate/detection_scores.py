@@ -23,11 +23,11 @@ from eaves.evaluate.matching import (
 from eaves.evaluate.scores import Agreement, root_mean_square
 from eaves.model import Integers, Mask
 from eaves.model.checks import check_positive, check_same_shape
+from eaves.raster import UNKNOWN, agreement_codes
 
 LARGE_AREAS = (10.0, 50.0)
 """Objects over these areas (m²) are counted apart."""
 
-TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE, UNKNOWN = 1, 2, 3, 255
 """Values of the map of agreement; 0 is ground in both."""
 
 
@@ -166,9 +166,7 @@ def evaluate_detection(
     area = Agreement(shared, (reference > 0).sum() * cell**2, shared, (result > 0).sum() * cell**2)
     correct = matching.result.label[matching.result_covered >= 0.5]
     rims = rim_of(np.isin(result, correct), cell), rim_of(reference > 0, cell)
-    agreement_map = np.where(result > 0, FALSE_POSITIVE, 0)
-    agreement_map[reference > 0] = FALSE_NEGATIVE
-    agreement_map[(result > 0) & (reference > 0)] = TRUE_POSITIVE
+    agreement_map = agreement_codes(result > 0, reference > 0)
     agreement_map[~certain] = UNKNOWN
     return DetectionScore(
         area,
@@ -176,7 +174,7 @@ def evaluate_detection(
         {limit: matching.agreement(limit) for limit in LARGE_AREAS},
         matching.relations,
         root_mean_square(rim_distances(*rims, cell)),
-        agreement_map.astype(np.uint8),
+        agreement_map,
         object_rows(matching),
     )
 

@@ -27,9 +27,8 @@ from eaves.evaluate.models import evaluate_models, lay_points
 from eaves.evaluate.report import Evaluation, evaluation_rows, write_report
 from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
-from eaves.formats import InputError, read, read_polygons
-from eaves.formats.vectors.vector_files import checked_vector
-from eaves.geometry.neighbours import measure_spacing
+from eaves.formats import InputError, checked_vector, read, read_polygons
+from eaves.geometry import measure_spacing
 from eaves.model import BUILDING, GROUND, LOCAL_METRES, Integers, Mask, PointCloud, Points, Raster, Values
 from eaves.validate import validate_file
 

@@ -18,8 +18,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.evaluate.matching import Matching, Objects
 from eaves.evaluate.scores import Agreement, ratio, root_mean_square
-from eaves.geometry.overlaps import pair_off
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry import COORDINATE_STEP, pair_off
 
 STEP = 0.25
 """Spacing (m) of the points along an outline whose distances are measured."""

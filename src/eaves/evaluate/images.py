@@ -16,7 +16,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.evaluate.city import read_buildings
 from eaves.evaluate.detection_scores import label_objects
 from eaves.formats import InputError, read, read_polygons, read_raster
-from eaves.geometry.roof_fit import RoofFaces
+from eaves.geometry import RoofFaces
 from eaves.model import (
     BUILDING,
     LOCAL_METRES,
@@ -28,7 +28,7 @@ from eaves.model import (
     Raster,
     Values,
 )
-from eaves.raster.grid import cell_centres, empty_raster, highest_points, whole_cells
+from eaves.raster import cell_centres, empty_raster, highest_points, whole_cells
 
 CELL = 0.5
 """Side (m) of the cells, unless a raster has its own."""

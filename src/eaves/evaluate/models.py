@@ -18,7 +18,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.evaluate.city import CityBuilding, roofs_of
 from eaves.evaluate.footprint_scores import mean_of, pair_by_overlap
 from eaves.evaluate.scores import ratio, root_mean_square
-from eaves.geometry.roof_fit import fit_roof, roof_point_mask
+from eaves.geometry import fit_roof, roof_point_mask
 from eaves.model import Finding, Points, Values
 from eaves.model.checks import as_points
 

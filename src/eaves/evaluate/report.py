@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from eaves.formats.atomic import atomic
+from eaves.formats import atomic
 from eaves.model import LOCAL_METRES, CoordinateSystem, Raster
 
 COLOURS = {1: (60, 160, 60, 255), 2: (60, 90, 200, 255), 3: (210, 60, 50, 255), 255: (200, 200, 200, 255)}
@@ -118,7 +118,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
             writer.writeheader()
             writer.writerows(_json_value(evaluation.rows))
     if evaluation.shapes:
-        from eaves.formats.vectors.geopackage import Row, write_polygons
+        from eaves.formats import Row, write_polygons
 
         written.append(stem.with_suffix(".gpkg"))
         places = [Row(shape, row) for shape, row in zip(evaluation.shapes, evaluation.rows, strict=True)]
@@ -137,7 +137,7 @@ def evaluation_rows(rows: Sequence[Any]) -> tuple[dict[str, Any], ...]:
 def _write_error_map(path: Path, values: NDArray[np.uint8], grid: Raster, system: CoordinateSystem) -> None:
     import rasterio
 
-    from eaves.formats.rasters.geotiff import profile_of, transform_of
+    from eaves.formats import profile_of, transform_of
 
     profile = profile_of(grid.shape, transform_of(grid.west, grid.north, grid.cell, system), system)
     with (

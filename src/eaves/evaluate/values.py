@@ -16,9 +16,8 @@ from eaves.evaluate.footprint_scores import FootprintScore, evaluate_footprints
 from eaves.evaluate.ground_scores import GroundScore, evaluate_ground
 from eaves.evaluate.images import common_grid, open_buildings
 from eaves.evaluate.report import Evaluation
-from eaves.flow.results import MODELS, ModelledBuildings, Results
-from eaves.formats import read, read_polygons, write_cityjson_seq
-from eaves.formats.in_memory import as_point_files, as_polygon_file
+from eaves.flow import MODELS, ModelledBuildings, Results
+from eaves.formats import as_point_files, as_polygon_file, read, read_polygons, write_cityjson_seq
 from eaves.model import Mask, PointCloud
 
 

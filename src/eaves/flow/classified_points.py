@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.blocks.block_file import BlockFile
-from eaves.buildings.building_file import Kept, read_numbers
-from eaves.flow.exports import classified_name
+from eaves.buildings.building_file import SavedBuildings, read_numbers
+from eaves.flow.formats import classified_name
 from eaves.flow.run import Run
 from eaves.formats import InputError, write_classified
-from eaves.formats.atomic import atomic
-from eaves.formats.fingerprint import refuse_change
+from eaves.formats.inputs import refuse_change
 from eaves.formats.points.classified import SUPERSEDED, UNCHANGED
+from eaves.formats.whole_files import atomic
 from eaves.model import BLOCK_SIDE, BUILDING, Block, Provenance
 from eaves.run.index import Index
 from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
-from eaves.run.keys import key_of, package_sources
+from eaves.run.keys import code_digest, key_of
 from eaves.run.manifest import is_changed, known_files
 from eaves.run.partition import Window, file_slices
 
@@ -93,7 +93,7 @@ def known_copies(folder: Path, work: Path) -> dict[str, Path]:
 
 def write_points(
     run: Run,
-    kept: Kept,
+    kept: SavedBuildings,
     regions: Mapping[Block, BlockFile],
     owners: Sequence[Block],
     sink: PointSink | None = None,
@@ -173,7 +173,7 @@ def key_of_columns(columns: Mapping[str, PointColumn], mark: bytes, made_from: P
     pieces = (
         column[first : first + PIECE] for column in columns.values() for first in range(0, len(column), PIECE)
     )
-    code = package_sources().digest([__name__])
+    code = code_digest(["flow/classified_points.py", "formats/points"])
     return key_of(code, mark, made_from, [key_of(piece) for piece in pieces])
 
 
@@ -189,7 +189,7 @@ def copies_of(index: Index, path_of: Callable[[str], Path]) -> dict[int, list[Pa
 def gather_labels(
     folder: Path,
     index: Index,
-    kept: Kept,
+    kept: SavedBuildings,
     regions: Mapping[Block, BlockFile],
     owners: Sequence[Block],
 ) -> None:

@@ -176,15 +176,15 @@ def split_parts(points: Points, spacing: float, outline: OutlineMethod) -> list[
     return [points[number == part] for part in range(int(number.max()) + 1)]
 
 
-def write_steps(run: Run, blocks: Sequence[Block], see: Callable[[Step, Block], Any]) -> list[Path]:
+def write_steps(run: Run, blocks: Sequence[Block], inputs_of: Callable[[Step, Block], Any]) -> list[Path]:
     """Write the maps of each block to `steps/BLOCK/` as GeoTIFF, in the order of the steps, and one picture
     of them all to `steps/BLOCK.png`; the files. Values are as the methods have them: metres and numbers.
-    `see` gives all that a step follows from in a block."""
+    `inputs_of` gives all that a step follows from in a block."""
     files: list[Path] = []
     for block in blocks:
         folder = run.folder / "steps" / block.name
         folder.mkdir(parents=True, exist_ok=True)
-        steps = block_steps(run, see(REGIONS, block), see(GROUND, block).large)
+        steps = block_steps(run, inputs_of(REGIONS, block), inputs_of(GROUND, block).large)
         for number, (title, raster) in enumerate(steps.maps.items(), 1):
             files.append(folder / f"{number:02d}_{title.replace(' ', '_')}.tif")
             write_raster(files[-1], raster, run.index.system, block.origin, heights=False)

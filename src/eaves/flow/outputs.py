@@ -17,8 +17,7 @@ import shapely
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
-from eaves.blocks.ground import STARTS
-from eaves.buildings.building_file import ANSWERS, Kept, read_numbers
+from eaves.buildings.building_file import ANSWERS, SavedBuildings, read_numbers
 from eaves.figures.party_walls import (
     PARTY_GAP,
     Walls,
@@ -30,7 +29,7 @@ from eaves.figures.party_walls import (
 from eaves.figures.rows import primitive_rows
 from eaves.figures.trust import judge
 from eaves.flow.advice import feet_remark
-from eaves.flow.exports import MODEL_FILES, export_footprints, export_points, export_table, noted_failure
+from eaves.flow.formats import export_content, export_footprints, export_points, noted_failure
 from eaves.flow.review import (
     HOUSES,
     LAYER,
@@ -48,16 +47,16 @@ from eaves.flow.run import Run, stated_request
 from eaves.flow.step import Region, Step, Work, results_of
 from eaves.flow.steps import GROUND, REGIONS, SHOWN
 from eaves.formats import write_cityjson_seq
+from eaves.formats.columns import LAYERS
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
-from eaves.model.columns import LAYERS
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.manifest import MANIFEST, begin_manifest, set_aside, work_of_persons
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
-from eaves.run.store import SECONDS
+from eaves.run.store import SECONDS, STARTS
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ LONGEST_FIRST = ("steps", "classified", "models", "footprints", "rasters", "mask
 class BuildingRows:
     """The rows of all buildings, or of all roof faces, read anew from the store each time."""
 
-    kept: Kept
+    kept: SavedBuildings
     owners: Sequence[Block]
     shared: Sequence[dict[str, float] | None] = ()
     """The walls of the buildings (`wall_figures`), where known."""
@@ -101,7 +100,7 @@ class RunResults:
     """
 
     run: Run
-    kept: Kept
+    kept: SavedBuildings
     regions: Mapping[Block, BlockFile]
     """The results of the blocks that the files show."""
     owners: Sequence[Block]
@@ -112,9 +111,9 @@ class RunResults:
     copies: Mapping[str, Path] = field(default_factory=dict)
     """Classified points that an earlier run wrote, by the keys of what they follow from."""
 
-    def see(self, step: Step, block: Block) -> Any:
+    def inputs_of(self, step: Step, block: Block) -> Any:
         """All that a step follows from in a block."""
-        return Work.of(step, self.run).see(block, self.kept.store)
+        return Work.of(step, self.run).inputs_of(block, self.kept.store)
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
@@ -122,7 +121,9 @@ class RunResults:
 
 
 def finished_models(
-    buildings: Kept, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
+    buildings: SavedBuildings,
+    owners: Sequence[Block],
+    shared: Sequence[dict[str, float] | None] | None = None,
 ) -> Iterator[BuildingModel | Failure]:
     """The models and failures of the `owners`, the models with their party walls, `shared` where known."""
     walls = iter(party_walls(buildings, owners) if shared is None else shared)
@@ -160,7 +161,7 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
         files = [folder / "buildings.city.jsonl"]
         outcomes = results.answers()
         write_cityjson_seq(files[0], outcomes, system, provenance=made_from, translate=run.translate)
-        files += export_table(folder, MODEL_FILES, results.answers, system, formats, made_from, failed)
+        files += export_content(folder, "models", results.answers, system, formats, made_from, failed)
         return Written(files, None, failed)
     if step == "mask":
         from eaves.flow.rasters import write_run_mask
@@ -174,7 +175,7 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
     if step == "steps":
         from eaves.flow.intermediates import write_steps
 
-        return Written(write_steps(run, list(results.regions), results.see))
+        return Written(write_steps(run, list(results.regions), results.inputs_of))
     from eaves.flow.classified_points import write_points
 
     files = write_points(run, buildings, results.regions, owners, sink, results.copies)
@@ -192,8 +193,8 @@ def write_outputs(
     Shown are the blocks but for those that failed, and the buildings of its `owners`. Of `copies`
     (key → file) are the classified points that an earlier run wrote just so.
     """
-    run, store, workers, progress = region.run, region.store, region.workers, region.progress
-    kept = Kept(store)
+    run, store = region.run, region.store
+    kept = SavedBuildings(store)
     steps = [name for name in (*EVERYTHING, "steps") if name in run.outputs and name != "report"]
     clock = Clock()
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
@@ -218,32 +219,8 @@ def write_outputs(
         sink.start(points, len(sizes), sum(sizes))
     if run.classified is None:
         begin_writing(run)
-    written: dict[str, list[Path]] = {}
-    progress("write", 0, len(steps))
-    order = sorted(steps, key=LONGEST_FIRST.index)
-    work = partial(write_output, results=results, sink=sink)
     clock.lap("summary")
-
-    def finish(step: str, answer: Written) -> None:
-        written[step] = answer.files
-        region.failed += answer.failed
-        note(run, answer.files)
-        progress("write", len(written), len(steps))
-
-    for outcome in workers.run(work, order) if workers.started else ():
-        region.peak = max(region.peak, outcome.peak_mb)
-        region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
-        if outcome.answer is not None:
-            if sink is not None and outcome.answer.sink is not None:
-                sink.take_from(outcome.answer.sink)
-            finish(order[outcome.index], outcome.answer)
-    clock.skip()
-    for step in steps:
-        if step not in written:  # what failed in another process is tried here, where its error can be raised
-            with noted_failure(step, region.failed):
-                finish(step, write_output(step, results, sink))
-            clock.lap(f"write {step}")
-
+    written = write_each(region, steps, results, sink, clock)
     files = [path for step in steps for path in written.get(step, ())]
     if "footprints" in written:
         files.append(write_map(run.folder, files, store.system))
@@ -262,6 +239,37 @@ def write_outputs(
         write_run(summary)
         summary = replace(summary, files=(*summary.files, run.folder / MANIFEST))
     return summary
+
+
+def write_each(
+    region: Region, steps: Sequence[str], results: RunResults, sink: PointSink | None, clock: Clock
+) -> dict[str, list[Path]]:
+    """Write some outputs, by all workers at once where there are several; output → its files."""
+    workers, written = region.workers, dict[str, list[Path]]()
+    region.progress("write", 0, len(steps))
+    order = sorted(steps, key=LONGEST_FIRST.index)
+
+    def finish(step: str, answer: Written) -> None:
+        written[step] = answer.files
+        region.failed += answer.failed
+        note(region.run, answer.files)
+        region.progress("write", len(written), len(steps))
+
+    work = partial(write_output, results=results, sink=sink)
+    for outcome in workers.run(work, order) if workers.started else ():
+        region.peak = max(region.peak, outcome.peak_mb)
+        region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
+        if outcome.answer is not None:
+            if sink is not None and outcome.answer.sink is not None:
+                sink.take_from(outcome.answer.sink)
+            finish(order[outcome.index], outcome.answer)
+    clock.skip()
+    for step in steps:
+        if step not in written:  # what failed in another process is tried here, where its error can be raised
+            with noted_failure(step, region.failed):
+                finish(step, write_output(step, results, sink))
+            clock.lap(f"write {step}")
+    return written
 
 
 def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> Path:
@@ -343,7 +351,7 @@ def summarise(
     counts = {name: Counter[str]() for name in COUNTED}
     seconds: Counter[str] = Counter()
     count = 0
-    for row in Kept(region.store).rows(owners):
+    for row in SavedBuildings(region.store).rows(owners):
         count += 1
         counts["trust"][judge(row.values)[0]] += 1
         seconds.update(row.seconds)
@@ -385,7 +393,7 @@ HOMES_IN_MEMORY = 16
 """Home blocks whose buildings are kept while those around them are looked at."""
 
 
-def party_walls(buildings: Kept, owners: Sequence[Block]) -> list[dict[str, float] | None]:
+def party_walls(buildings: SavedBuildings, owners: Sequence[Block]) -> list[dict[str, float] | None]:
     """The walls each building shares with others, and its free ones, in the order of the store's results;
     None for a building without solids."""
 
@@ -406,14 +414,14 @@ def party_walls(buildings: Kept, owners: Sequence[Block]) -> list[dict[str, floa
     return walls
 
 
-def extent_of(buildings: Kept, owner: Block) -> Polygon:
+def extent_of(buildings: SavedBuildings, owner: Block) -> Polygon:
     """The rectangle (world metres) around the buildings that a block owns."""
     outlines = [row.polygon for row in buildings.rows([owner])]
     return shapely.envelope(shapely.geometrycollections(outlines))
 
 
 def walls_in(
-    buildings: Kept,
+    buildings: SavedBuildings,
     owners: Sequence[Block],
     owner: int,
     near: Sequence[int],

@@ -13,7 +13,7 @@ import shapely
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile
-from eaves.flow.exports import TILES
+from eaves.flow.formats import TILES
 from eaves.flow.run import Run
 from eaves.flow.tiles import tile_of
 from eaves.footprints.read import as_box
@@ -21,7 +21,7 @@ from eaves.formats import MosaicWriter
 from eaves.formats.rasters.geotiff import write_world_file
 from eaves.formats.rasters.vrt import write_vrt
 from eaves.model import Block, Bounds
-from eaves.raster.rasterize import rasterize
+from eaves.raster.grid import rasterize
 from eaves.raster.surfaces import CELL, is_large
 from eaves.run.world_squares import within
 

@@ -17,11 +17,11 @@ import numpy as np
 import shapely
 
 from eaves.detect.given_classes import GivenClasses
-from eaves.flow.exports import COPC, FOOTPRINT_FILES
+from eaves.flow.formats import memory_of_points
 from eaves.footprints.read import box_text
 from eaves.formats import InputError
 from eaves.formats.points.source import check_fields
-from eaves.run.keys import is_of_package, package_sources
+from eaves.run.keys import is_of_package, source_of
 from eaves.run.manifest import (
     LISTED,
     changes_between,
@@ -48,8 +48,6 @@ COPIED_POINTS = 200_000_000
 """Inputs of more points are decompressed a second time: copies of their records would fill the disk."""
 COPIED_BYTES = 20
 """Of the shortest record of a LAS file."""
-COPC_BYTES = 60
-"""Of memory for a point of a COPC file that is written."""
 ANYWAY = "or add --allow-empty"
 
 
@@ -69,7 +67,7 @@ def refuse_unknown_code(run: Run) -> None:
             continue
         is_shared = options["scheduler"] is None and run.jobs > 1
         lasts = options["keep"] or options["resume"]
-        if (is_shared or lasts) and package_sources().path(name) is None:
+        if (is_shared or lasts) and source_of(name) is None:
             raise InputError(
                 f"{stage} method {type(method).__qualname__}: has no source file, by which other processes "
                 "and later runs know it; put its class into a file, or leave jobs, keep and resume out"
@@ -172,7 +170,7 @@ def refuse_full_disk(run: Run) -> None:
 
 
 def refuse_small_memory(run: Run) -> None:
-    """Check that the points of the largest file fit into memory where they are to be COPC.
+    """Check that the points of the largest file fit into memory where formats of points need them there.
 
     Raises
     ------
@@ -181,13 +179,13 @@ def refuse_small_memory(run: Run) -> None:
     """
     largest = int(run.index.entries["count"].argmax())
     count, memory = run.index.count(largest), run.memory or physical_memory()
-    as_copc = COPC in run.options["formats"] and not run.by_tiles and run.window == Window()
-    if as_copc and count * COPC_BYTES > memory:
+    name, size = memory_of_points(run.options["formats"])
+    if count * size > memory and not run.by_tiles and run.window == Window():
         raise InputError.about(
             run.index.path(largest),
-            f"its {count:,} points as COPC take {count * COPC_BYTES / 1e6:,.1f} MB of memory, and there are "
+            f"its {count:,} points as {name} take {count * size / 1e6:,.1f} MB of memory, and there are "
             f"{memory / 1e6:,.1f}",
-            "cut it into tiles, or leave copc out of --formats",
+            f"cut it into tiles, or leave {name} out of --formats",
         )
 
 
@@ -257,9 +255,8 @@ def refuse_collisions(
     for path in inputs:  # a symbolic link, or another name of the same folder
         if os.path.islink(path) and is_same_place(os.path.dirname(os.path.realpath(path)), folder):
             raise InputError.about(path, f"leads into the output folder {folder}", ELSEWHERE)
-    written = [LAYER, *(file for _, file in FOOTPRINT_FILES.values())]
     for path in polygons:
-        if any(is_same_place(path, folder / name) for name in written):
+        if is_same_place(os.path.dirname(path), folder) and Path(path).stem == Path(LAYER).stem:
             raise InputError.about(path, "would be overwritten by the footprints of this run", ELSEWHERE)
 
 
@@ -301,7 +298,7 @@ def refuse_overwrite(
 
 
 def edits_and_work(folder: Path, planned: Collection[str]) -> Iterator[tuple[Path, str]]:
-    """What of a person a build would write over, each with the reason."""
+    """Files with a person's work that a build would overwrite, each with the reason."""
     if (edits := folder / EDITS).exists():
         day = datetime.fromtimestamp(edits.stat().st_mtime)
         yield edits, f"holds edits of {day.day} {day:%B %Y}"

@@ -25,18 +25,18 @@ from eaves.buildings.join import (
 )
 from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, request_of
-from eaves.flow.step import Region, Step, bring, results_of, squares_read, store_of
+from eaves.flow.step import Region, Step, ensure, results_of, squares_read, store_of
 from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SHARPENED, SUPERSEDED, THINNED
 from eaves.flow.tiles import (
     Area,
     bounds_by_tile,
     by_tile,
+    evict,
     given_in,
     inputs_meeting,
-    let_go,
     squares_of_area,
 )
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 from eaves.model import GRID_STEP, Block
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import NAMED, key_of
@@ -52,7 +52,7 @@ from eaves.run.partition import (
     partition_slice,
 )
 from eaves.run.points import load_inputs
-from eaves.run.workers import Workers
+from eaves.run.workers import Outcome, Workers
 from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
@@ -92,7 +92,7 @@ def drop_upkeep(region: Region) -> None:
     (folder / NUMBERS).unlink(missing_ok=True)
 
 
-def bring_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()) -> None:
+def ensure_points(region: Region, step: Step = REGIONS, units: Iterable[Any] = ()) -> None:
     """The points of all blocks; in a run by tiles those that decide the results of a step for some units."""
     if region.within is None:
         if region.used or region.isolated:
@@ -146,21 +146,9 @@ def read_points(region: Region) -> None:
         work, workers = partial(work, progress=read_more), Workers()
     unread: dict[int, str] = {}
     for outcome in workers.run(work, tasks):
-        part = todo[outcome.index]
-        region.budget.add("read", outcome.cpu)
-        if outcome.answer is None:
-            region.note(outcome, str(part.path))
-            unread[part.number] = region.failed.pop()
-            continue
-        mark, box = outcome.answer
-        region.parts[part.name] = mark
-        if mark.unread is not None and part.number not in unread:
-            log.error("%s", mark.unread)
-            unread[part.number] = mark.unread
-        if box is not None:
-            region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
+        records = note_part(region, todo[outcome.index], outcome, unread)
         if workers is region.workers:
-            read_more(mark.records)
+            read_more(records)
     for number in unread.keys() - region.unread.keys():
         names_of = [name for name, part in parts.items() if part.number == number]
         records = sum(region.parts[name].records for name in names_of if name in region.parts)
@@ -171,6 +159,23 @@ def read_points(region: Region) -> None:
     region.failed += [region.unread[number] for number in map(int, numbers) if number in region.unread]
     region.points_keys = keys_of_points(region.parts)
     region.budget.step("read")
+
+
+def note_part(region: Region, part: FileSlice, outcome: Outcome, unread: dict[int, str]) -> int:
+    """Note what came of a part of an input, in `unread` why one could not be read; its number of records."""
+    region.budget.add("read", outcome.cpu)
+    if outcome.answer is None:
+        region.note(outcome, str(part.path))
+        unread[part.number] = region.failed.pop()
+        return 0
+    mark, box = outcome.answer
+    region.parts[part.name] = mark
+    if mark.unread is not None and part.number not in unread:
+        log.error("%s", mark.unread)
+        unread[part.number] = mark.unread
+    if box is not None:
+        region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
+    return int(mark.records)
 
 
 def is_in_place(region: Region, part: FileSlice, names: Collection[str] | None) -> bool:
@@ -285,8 +290,8 @@ def remark_on_steps(region: Region) -> None:
 
 def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:
     """Bring the results of a step that says which of some blocks' points are used, and no others of it."""
-    region.store.keep_only(step.name, units)
-    bring(region, step, units)
+    region.store.evict_others(step.name, units)
+    ensure(region, step, units)
     results = dict(region.store.found(step.name, units))
     region.points_keys = {
         name: key_of(key, results[name]) if name in results else key
@@ -341,17 +346,17 @@ def check_blocks(region: Region) -> None:
 def blocks_of(region: Region, area: Area) -> list[Block]:
     """The blocks of an area that are used, and in a run by tiles those around them."""
     if not area.tiles:
-        bring_points(region)
+        ensure_points(region)
         return region.blocks
     squares = squares_of_area(region, area)
-    bring_points(region, REGIONS, squares)
+    ensure_points(region, REGIONS, squares)
     return sorted(squares & region.used)
 
 
 def find_regions(region: Region, blocks: Sequence[Block]) -> None:
     """Large objects, the ground, rasters and regions of buildings of some blocks, and what these take of the
     blocks around."""
-    bring(region, REGIONS, region.workers.heaviest_first(blocks, region.store.count_points))
+    ensure(region, REGIONS, region.workers.heaviest_first(blocks, region.store.count_points))
 
 
 def blocks_ahead(region: Region, area: Area, done: Sequence[Block]) -> list[Block]:
@@ -359,7 +364,7 @@ def blocks_ahead(region: Region, area: Area, done: Sequence[Block]) -> list[Bloc
     if not area.tiles or region.run.given is not None:
         return []
     beyond = blocks_beyond(seams(region, done), area.holds) - set(done)
-    bring_points(region, REGIONS, beyond)
+    ensure_points(region, REGIONS, beyond)
     return sorted(beyond & region.used)
 
 
@@ -380,20 +385,20 @@ def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     return [Seam.read(result) for result in results_of(REGIONS, region.store, sorted(blocks)).values()]
 
 
-def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
+def model_plans(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
-    bring_points(region, BUILDINGS, plans)
-    bring(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
+    ensure_points(region, BUILDINGS, plans)
+    ensure(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
     region.budget.step("buildings")
 
 
 def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
     """The buildings of some owner blocks after a person's edits."""
     for group in by_tile(region, units):
-        bring_points(region, EDITED, group)
-        bring(region, EDITED, group)
+        ensure_points(region, EDITED, group)
+        ensure(region, EDITED, group)
         if region.run.by_tiles:
-            let_go(region)
+            evict(region)
 
 
 def size_of(region: Region, plan: OwnedBuildings) -> float:

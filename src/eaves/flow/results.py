@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from eaves.extensions import imported
 from eaves.figures.rows import describe_model
 from eaves.formats import InputError, read, read_polygons
 from eaves.formats.crs import horizontal_crs, plane_part
@@ -34,7 +35,6 @@ from eaves.model import (
     PointCloud,
     Provenance,
 )
-from eaves.model.pictures import polygon_svg
 from eaves.model.summary import Summary
 from eaves.run.manifest import read_facts, read_manifest
 
@@ -104,6 +104,7 @@ class Results(Summary):
         path, picture = self.folder / FOOTPRINTS, ""
         if path.exists():
             shapes = read_polygons(path, layer="footprints")[0]
+            polygon_svg = imported("eaves.report.pictures:polygon_svg")
             picture = f"<br>{polygon_svg(*chain.from_iterable(map(polygon_parts, shapes)))}"
         names = ", ".join(html.escape(path.name) for path in self.files)
         return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"

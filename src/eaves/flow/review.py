@@ -15,8 +15,8 @@ import shapely
 from eaves.detect.stage import HOUSE_M2, OBJECT
 from eaves.figures.rows import BuildingRow
 from eaves.figures.trust import has_defect, judge, lacks_model
-from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row
+from eaves.formats.whole_files import atomic
 from eaves.model import Block, CoordinateSystem, Doubt
 from eaves.run.world_squares import WIDE_SQUARE
 

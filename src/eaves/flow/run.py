@@ -18,7 +18,13 @@ from shapely.geometry.base import BaseGeometry
 
 import eaves
 from eaves.flow.advice import ScanFacts, scan_facts
-from eaves.flow.exports import COPC, TILES, check_formats, classified_name, planned_names
+from eaves.flow.formats import (
+    TILES,
+    check_formats,
+    classified_name,
+    copies_of_points,
+    planned_names,
+)
 from eaves.flow.refusals import (
     EDITS,
     refuse_collisions,
@@ -44,7 +50,7 @@ from eaves.footprints.read import (
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
-from eaves.formats.errors import require_extra
+from eaves.formats.errors import require_plots
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.converted import remarks_on
 from eaves.formats.points.las_header import LasHeader
@@ -289,9 +295,11 @@ def plan_run(
     parse_memory(options["memory"])
     check_formats(options["formats"], options["outputs"])
     if options["steps"]:
-        require_extra("plots")
+        require_plots()
     folder = Path(out)
-    polygons = {name: Path(str(path)) for name in POLYGONS if (path := options[name]) is not None}
+    polygons: dict[str, Path] = {
+        name: Path(str(path)) for name in POLYGONS if (path := options[name]) is not None
+    }
     asked: Any = options["bounds"]
     sides = None if asked is None else (asked.west, asked.south, asked.east, asked.north)
     rasters = list(filter(is_raster, [inputs] if isinstance(inputs, str | Path) else inputs))
@@ -321,25 +329,14 @@ def plan_run(
         index, options, read_area(polygons["clip"], index.system) if "clip" in polygons else None
     )
     remarks += filter(None, (shift_of(path, index.system) for path in polygons.values()))
-    may_miss = options["allow_empty"]
-    if not may_miss:
+    if not options["allow_empty"]:
         refuse_no_points(index, window, options)
-    known: list[Footprint] = []
-    lost: list[Failure] = []
-    map_: Map | None = None
-    if (path := polygons.get("footprints") or polygons.get("party_walls")) is not None:
-        map_ = recognise_map(path, options["footprint_source"], options["layer"])
-        area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
-        layer = options["layer"]
-        known, lost = read_footprints(path, options["id_field"], index.system, area, map_, may_miss, layer)
-    doubled: list[Failure] = []
-    if "footprints" in polygons:
-        known, doubled = without_doubled(known)
+    mapped = read_map(polygons, index, window, options)
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
     carries_edits = carries_edits and options["classified"] is None and (folder / EDITS).exists()
-    plan = describe_plan(index, recipe, options, map_, hashes)
+    plan = describe_plan(index, recipe, options, mapped.known, hashes)
     if options["as_published"] and options["source"]:
         log.info("as published: %s", find_source(options["source"]).printed)
     if options["classified"] is None and not options["overwrite"]:
@@ -357,29 +354,68 @@ def plan_run(
         options=options,
         inputs=tuple(os.path.realpath(path) for path in paths),
         side=BLOCK_SIDE,
-        given=known if given else None,
-        lost=(*lost, *doubled) if given else (),
-        addresses=() if given else known,
+        given=mapped.polygons if given else None,
+        lost=(*mapped.lost, *mapped.doubled) if given else (),
+        addresses=() if given else mapped.polygons,
         failed=tuple(failed),
         carries_edits=carries_edits and not options["overwrite"],
         started=started,
     ).with_remarks(*remarks)
     run = replace(run, recipe=recipe.for_scan(run.blur, run.facts.rough if run.coloured else 0.0))
+    refuse_run(run)
+    return run.with_remarks(*mapped.remarks)
+
+
+def refuse_run(run: Run) -> None:
+    """Check that the run's code, fields, classes, disk and memory are there.
+
+    Raises
+    ------
+    InputError
+        When one is not.
+    """
+    options = run.options
     refuse_unknown_code(run)
     refuse_no_fields(run)
     if not (options["resume"] or run.by_tiles):
         refuse_full_disk(run)
     refuse_small_memory(run)
-    if recipe.use_classes and not may_miss:
+    if run.recipe.use_classes and not options["allow_empty"]:
         refuse_no_classes(run)
-    if doubled:
-        first = doubled[0]
-        assert first.footprint is not None
-        run = run.with_remarks(
-            f"{polygons['footprints'].name}: {len(doubled):,} footprints lie by half or more in others and "
-            f"are not modelled, the first: '{first.footprint.id}', {first.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class MapPolygons:
+    """The polygons of the map that a run is given, those that cannot be modelled, and those that another one
+    holds; `known` is the map, if it is one that is known."""
+
+    polygons: Sequence[Footprint] = ()
+    lost: Sequence[Failure] = ()
+    doubled: Sequence[Failure] = ()
+    known: Map | None = None
+    remarks: tuple[str, ...] = ()
+    """What is to be said of them."""
+
+
+def read_map(files: Mapping[str, Path], index: Index, window: Window, options: RunOptions) -> MapPolygons:
+    """The polygons of the footprints or party walls among some files."""
+    path = files.get("footprints") or files.get("party_walls")
+    if path is None:
+        return MapPolygons()
+    known = recognise_map(path, options["footprint_source"], options["layer"])
+    area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
+    wanted = (options["id_field"], index.system, area, known, options["allow_empty"], options["layer"])
+    polygons, lost = read_footprints(path, *wanted)
+    if "footprints" not in files:
+        return MapPolygons(polygons, lost, (), known)
+    single, doubled = without_doubled(polygons)
+    remarks: tuple[str, ...] = ()
+    if doubled and (first := doubled[0]).footprint is not None:
+        remarks = (
+            f"{path.name}: {len(doubled):,} footprints lie by half or more in others and are not modelled, "
+            f"the first: '{first.footprint.id}', {first.reason}",
         )
-    return run
+    return MapPolygons(single, lost, doubled, known, remarks)
 
 
 def look_at_scan(run: Run) -> Run:
@@ -500,7 +536,7 @@ def planned_files(index: Index, options: RunOptions) -> set[str]:
     classified = "classified" in options["outputs"] and not by_tiles
     for number in range(len(index)) if classified else ():
         name = classified_name(index.path(number), len(index) == 1, names)
-        planned |= {name, str(Path(name).with_suffix(".copc.laz"))} if COPC in options["formats"] else {name}
+        planned |= {name, *map(str, copies_of_points(Path(name), options["formats"]))}
     return planned
 
 

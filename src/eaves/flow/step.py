@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from eaves.blocks.seams import Heights
 from eaves.flow.run import Progress, Run, no_progress
 from eaves.formats import InputError
-from eaves.formats.atomic import DiskFullError
+from eaves.formats.whole_files import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.clock import Budget
-from eaves.run.keys import Sources, key_of, modules_of, package_sources
+from eaves.run.keys import HOME, code_digest, code_of_methods, key_of
 from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import PartMark
 from eaves.run.points import load_window
@@ -67,11 +67,13 @@ class Step:
     ----------
     name : str
         Of the folder of its results.
+    code : tuple of str
+        The folders and files of this package that it can run, but for those of the methods it is given.
     takes : tuple of Input
         All that its functions are given beside parameters.
-    see : callable
-        `see(unit, *inputs, parameters)`: exactly what the result follows from. Parameters are typed as the
-        recipe of which they are the part that is declared.
+    inputs_of : callable
+        `inputs_of(unit, *loaded, parameters)`: exactly what the result follows from. Parameters are typed as
+        the recipe of which they are the part that is declared.
     run : callable
         `run(seen, parameters)`: the result, a value or arrays by name.
     load : callable or None
@@ -96,8 +98,9 @@ class Step:
     """
 
     name: str
+    code: tuple[str, ...]
     takes: tuple[Input, ...]
-    see: Callable[..., Any]
+    inputs_of: Callable[..., Any]
     run: Callable[..., Any]
     load: Callable[[Path, Block, Callable[[Block], NDArray[Any]]], Any] | None = None
     reads: tuple[str, ...] = ()
@@ -107,7 +110,7 @@ class Step:
     earlier: Callable[[Path], Any] | None = None
     booked: str = "blocks"
     shown: bool = False
-    stays: bool = False
+    persistent: bool = False
 
     def result(self, store: Store, square: Block) -> Any:
         """Its result in a square, as the steps that take it are given it."""
@@ -128,43 +131,35 @@ class Step:
         """The parameters that it declares, and the reference system."""
         return SimpleNamespace(system=run.index.system, **{name: parameter(run, name) for name in self.reads})
 
-    def key(self, run: Run, sources: Sources | None = None) -> str:
+    def key(self, run: Run, folder: Path = HOME) -> str:
         """The key of its code with that of the methods it is given, its parameters, the reference system and
-        its reaches; `sources` are those of this package unless others are given."""
+        its reaches; the code lies in a `folder`, that of this package unless another is given."""
         values = list(vars(self.parameters(run)).values())
         reaches = [parameter(run, entry.reach) for entry in self.takes if entry.reach]
-        return key_of(self.name, (sources or package_sources()).digest(self.modules(run)), values, reaches)
-
-    def modules(self, run: Run) -> list[str]:
-        """The modules of its functions and of the methods that it is given."""
-        functions: list[Callable[..., Any] | None] = [self.see, self.run]
-        functions += [load_window if entry.source is None else entry.source.load for entry in self.takes]
-        functions += [entry.load for entry in self.takes]
-        values = vars(self.parameters(run)).values()
-        methods = (module for value in values for module in modules_of(value))
-        return [*(function.__module__ for function in functions if function is not None), *methods]
+        methods = [list(code_of_methods(value, folder)) for value in values]
+        return key_of(self.name, code_digest(self.code, folder), methods, values, reaches)
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
-    """Given footprints (world metres), and those that cannot be modelled."""
+class GivenFootprints:
+    """Given footprints (world metres), and the ones that cannot be modelled."""
 
     footprints: Sequence[Footprint] = ()
     lost: Sequence[Failure] = ()
 
 
 @dataclass(frozen=True)
-class Visit:
-    """What is remembered of a tile whose buildings are in the store, or of a run in one piece."""
+class TileRecord:
+    """Record of a finished tile, or of a whole run that has one tile."""
 
     owners: tuple[Block, ...]
     blocks: tuple[Block, ...]
-    """Those that the files show."""
+    """Blocks that the outputs cover."""
     points: int = 0
     read: tuple[Bounds, ...] = ()
-    """World metres of all that was read for it."""
+    """Extents of everything that was read for it (world metres)."""
     key: str = ""
-    """Of all that it follows from."""
+    """Key of all its inputs."""
 
 
 @dataclass(eq=False)
@@ -195,17 +190,17 @@ class Region:
     """Blocks left out, with the number of their points."""
     points_keys: Mapping[str, str] = field(default_factory=dict)
     """Block, by its name → the key of its points."""
-    brought: dict[str, set[Any]] = field(default_factory=dict)
+    ensured: dict[str, set[Any]] = field(default_factory=dict)
     """Step, by its name → the units whose results are there."""
     copies: dict[Block, tuple[int, ...]] = field(default_factory=dict)
     """Blocks with identical points: how many are copies, and the ids of one and of its copy."""
     heights: dict[Block, Heights] = field(default_factory=dict)
     """Blocks in which inputs overlap or adjoin: differences of their heights."""
-    visits: dict[Block | None, Visit] = field(default_factory=dict)
+    visits: dict[Block | None, TileRecord] = field(default_factory=dict)
     """Tile → what was found of it; None → of a run in one piece."""
     unfinished: frozenset[Block] = frozenset()
     """The tiles that come later."""
-    given: dict[Block, Given] = field(default_factory=dict)
+    given: dict[Block, GivenFootprints] = field(default_factory=dict)
     """Tile → the given footprints that it owns."""
 
     @property
@@ -271,7 +266,7 @@ def store_of(run: Run) -> Store:
         has_classes=run.index.has_field("classification"),
         system=run.index.system,
         fields=run.fields,
-        outlasts=bool(run.options["keep"]),
+        persistent=bool(run.options["keep"]),
     )
 
 
@@ -308,7 +303,7 @@ def results_of(step: Step, store: Store, squares: Sequence[Block]) -> Results:
     )
 
 
-def home_of(unit: Any) -> Block:
+def square_of(unit: Any) -> Block:
     """The square by which a unit's result is known: itself, or the block that owns its buildings."""
     square: Block = getattr(unit, "owner_block", unit)
     return square
@@ -337,7 +332,7 @@ class Work:
         entry, reach = self.step.takes[number], self.reaches[number]
         side = self.side if entry.source is None else entry.source.side or self.side
         if reach is not None:
-            return squares_of(home_of(unit).bounds.buffered(reach), side)
+            return squares_of(square_of(unit).bounds.buffered(reach), side)
         blocks = set(getattr(unit, "blocks", [unit]))
         for _ in range(entry.rings):
             blocks = {neighbour for block in blocks for neighbour in ring(block)}
@@ -352,15 +347,15 @@ class Work:
             return Results(partial(entry.load, store), squares)
         return load_window(store, unit, self.reaches[number] or 0.0, entry.ids)
 
-    def see(self, unit: Any, store: Store) -> Any:
+    def inputs_of(self, unit: Any, store: Store) -> Any:
         """Exactly what the result of a unit follows from."""
         inputs = [self.load(number, unit, store) for number in range(len(self.step.takes))]
-        return self.step.see(unit, *inputs, self.parameters)
+        return self.step.inputs_of(unit, *inputs, self.parameters)
 
     def __call__(self, task: tuple[Any, str], store: Store) -> None:
         """Compute a unit and keep its result, unless one that is there follows from the same."""
-        step, (unit, read), home = self.step, task, home_of(task[0])
-        view = self.see(unit, store)
+        step, (unit, read), home = self.step, task, square_of(task[0])
+        view = self.inputs_of(unit, store)
         view_key = store.key_of(self.key, view)
         mark = store.mark(step.name, home)
         arguments = [view]
@@ -372,30 +367,30 @@ class Work:
             store.save(step.name, home, as_arrays(value), read, view_key, self.key)
 
 
-def bring(region: Region, step: Step, units: Sequence[Any]) -> None:
+def ensure(region: Region, step: Step, units: Sequence[Any]) -> None:
     """The results of a step for some units, and before them all results of other steps that it takes.
 
     Those of units that have none yet of what it reads are computed, and kept with their keys.
     """
-    brought = region.brought.setdefault(step.name, set())
-    units = [unit for unit in units if unit not in brought]
+    ensured = region.ensured.setdefault(step.name, set())
+    units = [unit for unit in units if unit not in ensured]
     if not units or (step.needs and not parameter(region.run, step.needs)):
         return
-    brought.update(units)
+    ensured.update(units)
     store, work = region.store, Work.of(step, region.run)
     for number, entry in enumerate(step.takes):
         if entry.source is not None:
             squares = {square for unit in units for square in work.squares(number, unit)}
-            bring(region, entry.source, sorted(filter(partial(region.computes, entry.source), squares)))
+            ensure(region, entry.source, sorted(filter(partial(region.computes, entry.source), squares)))
     tasks = []
     for unit in units:
         files = [files_read(region, work, number, unit) for number in range(len(step.takes))]
         read = key_of(work.key, work.side, unit, files)
-        mark = store.mark(step.name, home_of(unit))
+        mark = store.mark(step.name, square_of(unit))
         if mark is None or mark.read != read:
             tasks.append((unit, read))
     for count, outcome in enumerate(region.workers.run(partial(work, store=store), tasks), 1):
-        region.note(outcome, f"{step.name} of {home_of(tasks[outcome.index][0]).name}")
+        region.note(outcome, f"{step.name} of {square_of(tasks[outcome.index][0]).name}")
         region.budget.add(step.booked, outcome.cpu)
         if step.shown:
             region.progress(step.booked, count, len(tasks))

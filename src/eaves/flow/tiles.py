@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from eaves.buildings.join import OwnedBuildings, block_of
 from eaves.flow.run import TILE_SIDE, Run
-from eaves.flow.step import Given, Region, Visit, bring, squares_read
+from eaves.flow.step import GivenFootprints, Region, TileRecord, ensure, squares_read
 from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.index import Index
-from eaves.run.keys import key_of, modules_of, package_sources
+from eaves.run.keys import EVERYTHING, code_digest, code_of_methods, key_of
 from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
@@ -39,7 +39,7 @@ def tile_of(block: Block, side: float = TILE_SIDE) -> Block:
     return Block(block.column // blocks, block.row // blocks, side)
 
 
-def given_by_tile(run: Run) -> dict[Block, Given]:
+def given_by_tile(run: Run) -> dict[Block, GivenFootprints]:
     """The given footprints that each tile owns, in their order."""
     owned: dict[Block, tuple[list[Footprint], list[Failure]]] = {}
 
@@ -50,15 +50,15 @@ def given_by_tile(run: Run) -> dict[Block, Given]:
         lists(footprint)[0].append(footprint)
     for failure in run.lost:
         lists(failure.footprint)[1].append(failure)
-    return {tile: Given(*lists) for tile, lists in owned.items()}
+    return {tile: GivenFootprints(*lists) for tile, lists in owned.items()}
 
 
-def given_in(region: Region, area: Area) -> Given:
+def given_in(region: Region, area: Area) -> GivenFootprints:
     """The given footprints that an area owns."""
     if not area.tiles:
-        return Given(region.run.given or (), region.run.lost)
+        return GivenFootprints(region.run.given or (), region.run.lost)
     parts = [region.given[tile] for tile in area.tiles if tile in region.given]
-    return Given(
+    return GivenFootprints(
         [footprint for part in parts for footprint in part.footprints],
         [footprint for part in parts for footprint in part.lost],
     )
@@ -151,31 +151,31 @@ def inputs_meeting(index: Index, places: Sequence[Bounds]) -> NDArray[np.int64]:
     return np.flatnonzero(np.any([np.zeros(len(index), bool), *masks], axis=0))
 
 
-def leave(region: Region, area: Area, plans: Sequence[OwnedBuildings]) -> None:
+def finish_area(region: Region, area: Area, plans: Sequence[OwnedBuildings]) -> None:
     """Remember what was found of an area, and let go of what no unfinished one can reach."""
     store = region.store
     for tile in area.tiles or [None]:
         part = WHOLE if tile is None else Area((tile,))
         owners = tuple(sorted(plan.owner_block for plan in plans if part.holds(plan.owner_block)))
         blocks = tuple(block for block in region.blocks if part.holds(block))
-        region.visits[tile] = Visit(owners, blocks, sum(map(store.count_points, blocks)))
+        region.visits[tile] = TileRecord(owners, blocks, sum(map(store.count_points, blocks)))
     if not area.tiles:
         return
     shown = [block for block in region.blocks if area.holds(block) and store.has(REGIONS.name, block)]
-    bring(region, SHOWN, shown)
+    ensure(region, SHOWN, shown)
     read = tuple(bounds_by_tile(region.within or set(), region.run.tile_side))
     for tile in area.tiles:
         visit = replace(region.visits[tile], read=read, key=key_of_tile(region, tile, read))
         region.visits[tile] = visit
         if len(region.failed) == area.failures:
             store.save(VISITED, tile, as_arrays(visit))
-    let_go(region)
+    evict(region)
 
 
 def key_of_tile(region: Region, tile: Block, read: Sequence[Bounds]) -> str:
     """The key of all that the buildings of a tile follow from, of the inputs those near what was read."""
     run = region.run
-    code = package_sources().digest(["eaves.pipeline", *modules_of(run.recipe)])
+    code = [code_digest(EVERYTHING), *code_of_methods(run.recipe)]
     plan = {name: value for name, value in run.plan.items() if name not in INPUT_FACTS}
     starts = run.index.starts
     inputs = [
@@ -199,7 +199,7 @@ def is_visited(region: Region, tile: Block) -> bool:
     return True
 
 
-def let_go(region: Region) -> None:
+def evict(region: Region) -> None:
     """Remove points and results that no unfinished tile can reach, but what stays of finished ones; what is
     asked for from then on is brought anew where it is not there."""
     store, side, run = region.store, region.run.side, region.run
@@ -210,7 +210,7 @@ def let_go(region: Region) -> None:
         return any(tile in region.unfinished for tile in tiles)
 
     for step in STEPS:
-        if not step.stays:
+        if not step.persistent:
             for unit in store.units(step.name, step.side or side):
                 if not is_reached(unit.bounds):
                     store.remove(step.name, unit)
@@ -221,7 +221,7 @@ def let_go(region: Region) -> None:
         if not is_reached(run.index.bounds(int(name.split("-")[0]))):
             store.part_path(name).unlink(missing_ok=True)
             del region.parts[name]
-    region.within, region.brought = set(), {}
+    region.within, region.ensured = set(), {}
 
 
 def reach_of(run: Run) -> float:

@@ -11,7 +11,7 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.pieces import borders_of, joined_pieces
+from eaves.geometry.pieces import joined_pieces, owned_by_neighbours
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import ContractError, MethodChoice, resolve_method
@@ -243,12 +243,4 @@ def owners_of(pieces: Sequence[Polygon], polygons: Sequence[Polygon]) -> list[in
         covered = shapely.area(shapely.intersection(piece, polygons))
         best = int(np.argmax(covered))
         owner.append(best if covered[best] > 0.5 * piece.area else -1)
-    changed = True
-    while changed:
-        changed = False
-        for number in np.flatnonzero(np.array(owner) < 0):
-            border = borders_of(int(number), pieces, owner, len(polygons))
-            if border.max(initial=0.0) > 0.0:
-                owner[number] = int(np.argmax(border))
-                changed = True
-    return owner
+    return owned_by_neighbours(pieces, owner, len(polygons))

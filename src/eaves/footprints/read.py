@@ -160,7 +160,7 @@ def polygon_layer(path: Path, layer: str | None) -> str | None:
 
 
 def sole_layer(path: Path, layers: Sequence[VectorLayer]) -> VectorLayer:
-    """The only one of some layers with features, or the only one of these whose name is that of buildings.
+    """The only layer with features, or the only one of these whose name says buildings.
 
     Raises
     ------
@@ -411,7 +411,7 @@ def refuse_ids(path: Path, id_field: str, ids: Sequence[object]) -> None:
     InputError
         With how many have none, or which one occurs more than once.
     """
-    remedy = f"mend the field, name another one, or leave --id-field {id_field} out: then they are numbered"
+    remedy = f"fix the field, name another one, or leave --id-field {id_field} out: then they are numbered"
     empty = sum(value is None or str(value).strip() == "" for value in ids)
     if empty:
         raise InputError.about(path, f"{empty} of {len(ids)} footprints have no '{id_field}'", remedy)

@@ -5,12 +5,6 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
-EXTRAS = {
-    "parquet": ("pyarrow", "GeoParquet needs pyarrow"),
-    "ifc": ("ifcopenshell", "IFC needs IfcOpenShell"),
-    "plots": ("matplotlib", "pictures need matplotlib"),
-}
-"""Library that an extra installs, and who needs it."""
 INSTALL = "pip install '.[{}]'"
 """The command that installs an extra, in the clone that eaves is installed from; no index has it yet."""
 
@@ -34,8 +28,12 @@ class InputError(ValueError):
         return cls(" ".join(f"{path}: {rule}; {remedy}".split()))
 
 
-def require_extra(extra: str) -> None:
-    """Raise `InputError` when the library of an extra is missing."""
-    library, need = EXTRAS[extra]
+def require_extra(extra: str, library: str, need: str) -> None:
+    """Raise `InputError` when the library that an extra installs is missing; `need` says who needs it."""
     if find_spec(library) is None:
         raise InputError(f"{need}, which is missing; run: {INSTALL.format(extra)}")
+
+
+def require_plots() -> None:
+    """Raise `InputError` when what draws pictures is missing."""
+    require_extra("plots", "matplotlib", "pictures need matplotlib")

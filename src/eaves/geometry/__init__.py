@@ -1,1 +1,5 @@
 """Points, planes, rings and plans: what several stages compute alike."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

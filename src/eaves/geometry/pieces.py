@@ -10,7 +10,7 @@ from shapely import Polygon
 
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import Values
+from eaves.model import Integers, Values
 
 
 def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> list[Polygon | None]:
@@ -49,3 +49,26 @@ def borders_of(number: int, pieces: Sequence[Polygon], owner: Sequence[int], cou
         if holder >= 0 and k != number and piece.intersects(pieces[number]):
             border[holder] += piece.intersection(pieces[number]).length
     return border
+
+
+def owned_by_neighbours(pieces: Sequence[Polygon], owner: Sequence[int], count: int) -> list[int]:
+    """The owner of each piece, those without one (-1) given to the owner of the longest border with it.
+
+    The piece with the longest border is given first, and its own borders count from then on: a sliver goes
+    along its side, not across its tip, which would leave a spike. What touches no owner keeps -1.
+    """
+    owners, shapes = np.array(owner, np.int64), np.array(pieces, object)
+    border = np.zeros((len(shapes), count))
+    here, there = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    here, there = here[here != there], there[here != there]
+    length = shapely.length(shapely.intersection(shapes[here], shapes[there]))
+
+    def count_borders(pairs: Integers) -> None:
+        np.add.at(border, (here[pairs], owners[there[pairs]]), length[pairs])
+
+    count_borders(np.flatnonzero(owners[there] >= 0))
+    while (free := np.where(owners < 0, border.max(axis=1, initial=0.0), 0.0)).max(initial=0.0) > 0.0:
+        given = int(np.argmax(free))
+        owners[given] = np.argmax(border[given])
+        count_borders(np.flatnonzero(there == given))
+    return list(map(int, owners))

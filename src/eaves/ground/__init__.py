@@ -1,5 +1,5 @@
 """Ground: which points are terrain."""
 
-from eaves.ground.stage import GroundMethod, classify_ground
+import lazy_loader
 
-__all__ = ["GroundMethod", "classify_ground"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.model.arrays import Integers, Points, Values
+from eaves.model.arrays import Integers, Pictured, Points, Values
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -71,7 +71,7 @@ class Boundary:
 
 
 @dataclass(frozen=True, eq=False)
-class Footprint:
+class Footprint(Pictured):
     """The outline of one building.
 
     Parameters
@@ -111,18 +111,6 @@ class Footprint:
         if shapely.get_precision(self.polygon):
             free = shapely.set_precision(self.polygon, 0.0, mode="pointwise")
             object.__setattr__(self, "polygon", free)
-
-    def _repr_svg_(self) -> str:
-        from eaves.model.pictures import polygon_svg
-
-        return polygon_svg(self.polygon)
-
-    def _repr_html_(self) -> str:
-        from eaves.model.pictures import as_html
-
-        facts: dict[str, Any] = {"id": self.id or None, "area": f"{self.polygon.area:,.1f} m²"}
-        facts |= {"corners": len(self.polygon.exterior.coords) - 1, "score": f"{self.score:.2f}"}
-        return as_html("Footprint", facts, self._repr_svg_())
 
     @property
     def world(self) -> Polygon:
@@ -331,7 +319,7 @@ class Installation:
 
 
 @dataclass(frozen=True, eq=False)
-class BuildingModel:
+class BuildingModel(Pictured):
     """A building at one or more levels of detail.
 
     Parameters
@@ -370,28 +358,6 @@ class BuildingModel:
         """The solids with vertices in world metres."""
         shift = np.array([*self.footprint.origin, 0.0])
         return {lod: tuple(solid.moved(shift) for solid in parts) for lod, parts in self.solids.items()}
-
-    def _repr_svg_(self) -> str:
-        from eaves.model.pictures import polygon_svg, solids_svg
-
-        return solids_svg(self.solids[self.lod]) if self.solids else polygon_svg(self.footprint.polygon)
-
-    def _repr_html_(self) -> str:
-        from eaves.model.pictures import as_html
-
-        shown = {
-            "roof": "roof_type",
-            "eaves (m)": "h_eaves",
-            "ridge (m)": "h_ridge",
-            "volume (m³)": "volume_m3",
-        }
-        shown |= {"RMSE (m)": "rmse_m", "points": "points"}
-        values = {title: self.attributes.get(name) for title, name in shown.items()}
-        facts: dict[str, Any] = {"id": self.footprint.id or None, "level of detail": self.lod}
-        facts |= {
-            title: f"{value:,.2f}" if isinstance(value, float) else value for title, value in values.items()
-        }
-        return as_html("BuildingModel", facts, self._repr_svg_())
 
     def with_(self, **changes: Any) -> BuildingModel:
         """A copy with some fields replaced."""

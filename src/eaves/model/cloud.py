@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model.arrays import Integers, Mask, Points, Values
+from eaves.model.arrays import Integers, Mask, Pictured, Points, Values
 from eaves.model.block import BLOCK_SIDE, Block, Bounds, extremes
 from eaves.model.checks import as_points, check_lengths
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
@@ -35,7 +35,7 @@ the corner of a block, where the numbers of methods keep their digits."""
 
 
 @dataclass(frozen=True, eq=False)
-class PointCloud:
+class PointCloud(Pictured):
     """N points. Every array has N rows in the same order; none is ever written to.
 
     Parameters
@@ -149,26 +149,6 @@ class PointCloud:
     def has_returns(self) -> bool:
         """True if the scanner recorded several returns of a pulse."""
         return self.number_of_returns is not None and bool(np.any(self.number_of_returns > 1))
-
-    def _repr_png_(self) -> bytes:
-        from eaves.model.pictures import cloud_picture, png_bytes
-
-        return png_bytes(cloud_picture(self.xyz, self.classification))
-
-    def _repr_html_(self) -> str:
-        from eaves.model.pictures import as_html, cloud_picture
-
-        finite = np.isfinite(self.xyz).all(axis=1)
-        box = np.ptp(self.xyz[finite], axis=0) if finite.any() else np.zeros(3)
-        facts = {
-            "points": f"{len(self):,}",
-            "extent": f"{box[0]:,.0f} × {box[1]:,.0f} m, {box[2]:,.0f} m high",
-            "density": f"{len(self) / max(box[0] * box[1], 1.0):,.1f} points/m²",
-            "classes": None if self.classification is None else np.unique(self.classification).tolist(),
-            "several returns": "yes" if self.has_returns else "no",
-            "system": self.system.code or ("local" if self.system.wkt is None else "without a code"),
-        }
-        return as_html("PointCloud", facts, cloud_picture(self.xyz, self.classification))
 
     def with_(self, **changes: object) -> PointCloud:
         """A copy with some arrays replaced."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Values
+from eaves.model.arrays import Grid, Integers, Labels, Mask, Pictured, Points, Values
 from eaves.model.block import Bounds
 from eaves.model.cloud import PointCloud
 from eaves.model.doubt import Doubt
@@ -21,7 +21,7 @@ are points in `PointCloud.part` alone, of which a ground filter is not sure."""
 
 
 @dataclass(frozen=True, eq=False)
-class Raster:
+class Raster(Pictured):
     """Values of square cells, row 0 north.
 
     Parameters
@@ -57,22 +57,6 @@ class Raster:
         rows, columns = self.shape
         return Bounds(self.west, self.north - rows * self.cell, self.west + columns * self.cell, self.north)
 
-    def _repr_png_(self) -> bytes:
-        from eaves.model.pictures import png_bytes, raster_picture
-
-        return png_bytes(raster_picture(self.values, self.cell))
-
-    def _repr_html_(self) -> str:
-        from eaves.model.pictures import as_html, raster_picture
-
-        finite = self.values[np.isfinite(self.values)]
-        facts = {
-            "cells": f"{self.shape[0]:,} × {self.shape[1]:,} of {self.cell:g} m",
-            "heights": f"{finite.min():.1f} to {finite.max():.1f} m" if len(finite) else "none",
-            "no data": f"{1.0 - len(finite) / max(self.values.size, 1):.1%}",
-        }
-        return as_html("Raster", facts, raster_picture(self.values, self.cell))
-
     def with_(self, **changes: object) -> Raster:
         """A copy with some fields replaced."""
         return replace(self, **changes)  # type: ignore[arg-type]
@@ -90,7 +74,7 @@ class Raster:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(Pictured):
     """The input of detectors: a classified cloud with its rasters, all about the same origin.
 
     Parameters
@@ -122,21 +106,6 @@ class Scene:
 
     height: Values = field(default_factory=lambda: np.zeros(0))
     signs: NDArray[np.float64] | None = None
-
-    def _repr_png_(self) -> bytes:
-        return self.cloud._repr_png_()
-
-    def _repr_html_(self) -> str:
-        from eaves.model.pictures import as_html, raster_picture
-
-        ground = self.cloud.ground.mean() if len(self.cloud) else 0.0
-        facts = {
-            "points": f"{len(self.cloud):,}, {ground:.0%} of them ground",
-            "spacing": f"{self.spacing:.2f} m",
-            "rasters": "dtm and dsm",
-            "cells": f"{self.dsm.shape[0]:,} × {self.dsm.shape[1]:,} of {self.dsm.cell:g} m",
-        }
-        return as_html("Scene", facts, raster_picture(self.dsm.values, self.dsm.cell))
 
 
 @dataclass(frozen=True, eq=False)

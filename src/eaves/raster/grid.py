@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
+from rasterio import Affine, features
+from shapely import Polygon
 
 from eaves.kernels import kernel
 from eaves.model import Bounds, Doubt, Grid, Integers, Mask, Points, Raster, Values
@@ -216,3 +219,16 @@ def extreme_in_squares_kernel(values: Grid, radius: int, sign: float) -> Grid:
         for column in range(columns):
             out[column] *= sign
     return extreme
+
+
+def rasterize(polygons: Sequence[Polygon], bounds: Bounds, cell: float) -> Raster:
+    """1 in every cell whose centre lies in a polygon, else 0; `bounds` run along cell borders."""
+    shape = (round(bounds.height / cell), round(bounds.width / cell))
+    values = np.zeros(shape, np.float32)
+    if polygons:
+        features.rasterize(
+            ((polygon, 1) for polygon in polygons),
+            out=values,
+            transform=Affine(cell, 0.0, bounds.west, 0.0, -cell, bounds.north),
+        )
+    return Raster(values, bounds.west, bounds.north, cell)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.kernels import kernel
@@ -294,27 +293,3 @@ def facets_kernel(
             s, t = (wx * vy - wy * vx) / area, (ux * wy - uy * wx) / area
             filled[row, column] = heights[a] + s * (heights[b] - heights[a]) + t * (heights[c] - heights[a])
     return outside
-
-
-def fill_smooth(values: Grid) -> Grid:
-    """Empty cells (H, W) take the mean of ever wider neighbourhoods, blended: rough, and fast.
-
-    Means of 2 by 2 cells, and of those, until none is empty; then each level fills the finer one bilinearly.
-    """
-    finite = np.isfinite(values)
-    if finite.all() or not finite.any():
-        return values
-    coarse = fill_smooth(halve(values))
-    fine = ndimage.zoom(coarse, 2, order=1, mode="nearest", grid_mode=True)
-    return np.where(finite, values, fine[: values.shape[0], : values.shape[1]]).astype(np.float32)
-
-
-def halve(values: Grid) -> Grid:
-    """Means of the filled cells in squares of 2 by 2, NaN where all are empty."""
-    rows, columns = values.shape
-    even = np.full((rows + rows % 2, columns + columns % 2), np.nan, np.float32)
-    even[:rows, :columns] = values
-    finite = np.isfinite(even)
-    total = np.where(finite, even, 0.0).reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
-    count = finite.reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)

@@ -1,11 +1,13 @@
-"""The five systems that eaves brings together: each one's whole chain, from points to what it delivers."""
+"""Published systems: each one's whole chain, from points to what it delivers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+from eaves.extensions import SOURCES, imported, installed
 from eaves.methods import MethodChoice, method_class
 
 
@@ -50,68 +52,11 @@ class PublishedSource:
         return deviations
 
 
-SOURCES: dict[str, PublishedSource] = {
-    source.name: source
-    for source in (
-        PublishedSource(
-            "chen_sun",
-            "chen_sun_vaihingen",
-            "Chen and Sun: Brief description of building detection from airborne LiDAR "
-            "data based on extraction of planar structure",
-            "a mask and the contours of buildings",
-            {"ground": "adaptive_tin", "detect": "planar_patches", "outline": "alpha_shape"},
-            "0",
-        ),
-        PublishedSource(
-            "xiao2014",
-            "xiao2014",
-            "Xiao, Wang, Xi and Zhang 2014: A comprehensive framework of building model "
-            "reconstruction from airborne LiDAR data",
-            "3D models of intersected roof planes inside regular outlines",
-            {
-                "ground": "smooth_region",
-                "detect": "normal_echo",
-                "outline": "ransac_lines",
-                "roof": "region_growing",
-                "reconstruct": "plane_intersection",
-            },
-            "2.2",
-        ),
-        PublishedSource(
-            "ren_fcs",
-            "ren_fcs",
-            "Ren, Zhou, Cen, Zhang and Zhang: A novel method for extracting building "
-            "from LIDAR data: Fc-S method",
-            "the areas of buildings, on undulating terrain and beside vegetation",
-            {"ground": "contours", "detect": "contours", "outline": "alpha_shape"},
-            "0",
-        ),
-        PublishedSource(
-            "roof_attributes",
-            "roof_attributes",
-            "Detection building point clouds from airborne LiDAR data using roof points' attributes",
-            "the points of buildings",
-            {"ground": "adaptive_tin", "detect": "roof_attributes", "outline": "alpha_shape"},
-            "0",
-        ),
-        PublishedSource(
-            "maas_vosselman",
-            "maas_vosselman1999",
-            "Maas and Vosselman 1999: Two algorithms for extracting building models "
-            "from raw laser altimetry data",
-            "3D models: standard houses from moments, others from intersected faces",
-            {
-                "ground": "adaptive_tin",
-                "detect": "height_texture",
-                "outline": "ransac_lines",
-                "roof": "tin_faces",
-                "reconstruct": "maas_vosselman",
-            },
-            "2.2",
-        ),
-    )
-}
-"""Name → source. What a document leaves open (an outline, a ground filter) takes what is nearest to it."""
+@cache
+def sources() -> dict[str, PublishedSource]:
+    """Name → source, of those that installed packages bring by entry points of the group `eaves.sources`.
+    What a document leaves open (an outline, a ground filter) takes what is nearest to it."""
+    return {name: imported(place) for name, place in installed(SOURCES).items()}
 
 
 def find_source(name: str) -> PublishedSource:
@@ -120,7 +65,7 @@ def find_source(name: str) -> PublishedSource:
     Parameters
     ----------
     name
-        One of `SOURCES`.
+        One of `sources()`.
 
     Returns
     -------
@@ -137,9 +82,9 @@ def find_source(name: str) -> PublishedSource:
     >>> find_source("xiao2014").methods["ground"]
     'smooth_region'
     """
-    if name not in SOURCES:
-        raise ValueError(f"unknown source '{name}'; choose one of: {', '.join(SOURCES)}")
-    return SOURCES[name]
+    if name not in sources():
+        raise ValueError(f"unknown source '{name}'; choose one of: {', '.join(sources())}")
+    return sources()[name]
 
 
 def with_source(name: str, methods: Mapping[str, MethodChoice] | None) -> dict[str, MethodChoice]:
@@ -148,7 +93,7 @@ def with_source(name: str, methods: Mapping[str, MethodChoice] | None) -> dict[s
     Parameters
     ----------
     name
-        One of `SOURCES`.
+        One of `sources()`.
     methods
         A method, its name or a table of parameters by stage; what is named here goes before the source's.
 

@@ -1,1 +1,5 @@
 """The report: the page, pictures, the notebook."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

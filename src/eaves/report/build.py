@@ -12,7 +12,7 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 from weakref import finalize
 
-from eaves.flow.exports import noted_failure
+from eaves.flow.formats import noted_failure
 from eaves.flow.results import Results
 from eaves.flow.run import Progress, Run, no_progress, open_run
 from eaves.formats.in_memory import as_point_files, as_polygon_file
@@ -26,7 +26,7 @@ from eaves.run.clock import Clock
 from eaves.run.options import EVERYTHING, POLYGONS, RunOptions, list_options
 
 if TYPE_CHECKING:
-    from eaves.change.upkeep.corrected import CarriedEdits
+    from eaves.upkeep.corrected import CarriedEdits
 
 
 @list_options
@@ -178,6 +178,6 @@ def carried_edits(run: Run) -> CarriedEdits | None:
     """The edits that a run finds in its folder and carries on; None where it carries none."""
     if not run.carries_edits:
         return None
-    from eaves.change.upkeep.corrected import CarriedEdits  # late: most runs have none
+    from eaves.upkeep.corrected import CarriedEdits  # late: most runs have none
 
     return CarriedEdits.of(run)

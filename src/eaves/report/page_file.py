@@ -22,9 +22,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.formats.atomic import atomic
+from eaves.formats.columns import COLUMNS as MEANINGS
+from eaves.formats.whole_files import atomic
 from eaves.model import LODS, Integers, Points, Raster, Values
-from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
 from eaves.report.basemap import fit_web_mercator
 from eaves.report.contents import Contents, local_rings

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, read_polygons
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 from eaves.model import LODS, Bounds, Integers, Values
 from eaves.report.contents import (
     Contents,

@@ -10,8 +10,8 @@ from pathlib import Path
 from string import Template
 
 from eaves.formats import InputError
-from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system, horizontal_crs
+from eaves.formats.whole_files import atomic
 from eaves.model.summary import Summary
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, Contents, read_contents
 from eaves.report.page_file import iter_page, write_page

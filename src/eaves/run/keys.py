@@ -4,30 +4,25 @@ A result is named by the key of all that its step takes: its code, the reference
 inputs. Where that is found again, the step is not run: that is all there is to resuming a run and to updating
 one.
 
-The code of a step is a digest of the source of every module that it can run. Comments, docstrings, formatting
-and imports for types alone change nothing, for they change no result. The digest of a module is kept beside
-its bytecode by the SHA-256 of its file, so that a run reads the sources and parses none.
+The code of a step is one digest of the folders and files that it declares, which a test holds to be all that
+it can run, and of the methods that it is given. Writers, styles, pictures and commands are in none: inputs
+are known by what was read of them, to the last bit.
 """
 
 from __future__ import annotations
 
-import ast
 import hashlib
-import json
-import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats.atomic import atomic
 from eaves.methods import Method
 
 PACKAGE = "eaves"
@@ -36,199 +31,95 @@ DIGITS = 32
 hashes."""
 
 
-class Source(NamedTuple):
-    """A module's file, its syntax and its imports.
+HOME = Path(__file__).parents[1]
+"""The folder of this package."""
+
+BASE = ("kernels.py", "methods.py", "model", "geometry", "raster", "run")
+"""The code under every step: nouns, plain operations, and how points and results are kept and loaded."""
+READING = ("formats", "model", "run")
+"""The code that reads points."""
+GROUND_CODE = (*BASE, "blocks/ground.py", "ground/stage.py", "ground/toolkit", "surroundings")
+SCENES_CODE = (*GROUND_CODE, "blocks/block.py", "blocks/block_file.py", "detect/stage.py", "detect/toolkit")
+BUILDINGS_CODE = (
+    *(*BASE, "blocks/block_file.py", "buildings", "figures", "footprints", "outline", "units", "roof"),
+    *("reconstruct", "solids", "surroundings", "validate", "detect/toolkit/cells.py"),
+)
+EVERYTHING = ("",)
+"""The whole package: what a method of another one may take from it."""
+
+
+def code_digest(code: Iterable[str], folder: Path = HOME) -> str:
+    """The digest of the sources of some folders and files.
 
     Parameters
     ----------
-    file : str
-        SHA-256 of the file.
-    syntax : str
-        Digest of the syntax tree, without docstrings.
-    imports : sequence of str
-        The modules of the package that it imports, also late ones.
-    """
-
-    file: str
-    syntax: str
-    imports: Sequence[str]
-
-
-class Sources:
-    """The modules of this package and of those that bring methods, with what each imports of its own package
-    and of this one.
-
-    Parameters
-    ----------
+    code : iterable of str
+        Paths of folders and files under `folder`.
     folder : Path
-        The folder of this package.
-    table : Path or None
-        File that keeps the digests from run to run; None keeps them in memory alone.
+        The folder of this package, or another.
+
+    Returns
+    -------
+    str
+        A word of `DIGITS` hexadecimal digits.
+
+    Raises
+    ------
+    FileNotFoundError
+        When there is no such path.
 
     Examples
     --------
-    >>> from eaves.run.keys import package_sources
-    >>> package_sources().digest(["eaves.kernels"]) == package_sources().digest(["eaves.methods"])
+    >>> from eaves.run.keys import code_digest
+    >>> code_digest(["ground"]) == code_digest(["detect"])
     False
     """
-
-    def __init__(self, folder: Path, table: Path | None = None) -> None:
-        self.folder, self.table = folder, table
-        self._kept = read_table(table)
-        self._read: dict[str, Source | None] = {}
-        self._digests: dict[tuple[str, ...], str] = {}
-
-    def digest(self, modules: Iterable[str]) -> str:
-        """The digest of modules and of all that they import, directly or not.
-
-        Parameters
-        ----------
-        modules : iterable of str
-            Their names.
-
-        Returns
-        -------
-        str
-            A word of `DIGITS` hexadecimal digits.
-        """
-        names = tuple(modules)
-        if names not in self._digests or not all(map(is_of_package, names)):
-            syntax = hashlib.sha256()
-            for name in sorted(self.closure(names)):
-                source = self.source(name)
-                syntax.update(f"{name} {'' if source is None else source.syntax}\n".encode())
-            self._digests[names] = syntax.hexdigest()[:DIGITS]
-        return self._digests[names]
-
-    def closure(self, modules: Iterable[str]) -> set[str]:
-        """The names of modules and of all that they import, directly or not."""
-        reached, waiting = set[str](), list(modules)
-        while waiting:
-            name = waiting.pop()
-            source = None if name in reached else self.source(name)
-            reached.add(name)
-            waiting += () if source is None else source.imports
-        self._save()
-        return reached
-
-    def source(self, name: str) -> Source | None:
-        """A module as its file stands; None where it has no source. Files of other packages may change while
-        a process goes on."""
-        if name not in self._read or not is_of_package(name):
-            path = self.path(name)
-            self._read[name] = None if path is None else self._parsed(name, path)
-        return self._read[name]
-
-    def _parsed(self, name: str, path: str) -> Source:
-        """The source in a file, from the table where that is of the same file."""
-        with open(path, "rb") as stream:
-            content = stream.read()
-        file = hashlib.sha256(content).hexdigest()
-        if name in self._kept and self._kept[name][0] == file:
-            return Source(*self._kept[name])
-        tree = effective_syntax(content)
-        syntax = hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest()
-        return Source(file, syntax[:DIGITS], sorted(set(self.imports(tree, name, path))))
-
-    def path(self, name: str) -> str | None:
-        """The file of a module; None where there is none."""
-        place = self.place(name)
-        paths = os.path.join(place, "__init__.py"), f"{place}.py"
-        return next((path for path in paths if os.path.isfile(path)), None)
-
-    def place(self, name: str) -> str:
-        """The path of a module without its suffix, as that of its package is imported, if it is."""
-        package, *path = name.split(".")
-        if package == PACKAGE:
-            return os.path.join(self.folder, *path)
-        module = sys.modules.get(package)
-        folders = list(getattr(module, "__path__", ()))
-        top = folders[0] if folders else os.path.splitext(getattr(module, "__file__", None) or "")[0]
-        return os.path.join(top, *path)
-
-    def imports(self, tree: ast.AST, module: str, path: str) -> Iterator[str]:
-        """The modules of this package and of the module's own that are imported anywhere in its tree, and
-        those of the names that it takes from this package by a dot."""
-        followed = (f"{PACKAGE}.", f"{module.split('.')[0]}.")
-        parents = module.split(".") if path.endswith("__init__.py") else module.split(".")[:-1]
-        called = set[str]()
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Import):
-                called |= {alias.asname or PACKAGE for alias in node.names if alias.name == PACKAGE}
-                yield from (alias.name for alias in node.names if f"{alias.name}.".startswith(followed))
-            elif isinstance(node, ast.ImportFrom):
-                above = parents[: len(parents) + 1 - node.level] if node.level else []
-                package = ".".join([*above, *([node.module] if node.module else [])])
-                if f"{package}.".startswith(followed):
-                    yield from (self.origin(package, alias.name) for alias in node.names)
-        for node in ast.walk(tree) if called else ():
-            if isinstance(node, ast.Attribute) and getattr(node.value, "id", None) in called:
-                yield self.origin(PACKAGE, node.attr)
-
-    def origin(self, package: str, name: str) -> str:
-        """The module that an imported name is of: itself, that which a stub says, or the one it is from."""
-        if self.path(f"{package}.{name}") is not None:
-            return f"{package}.{name}"
-        stub = Path(self.place(package), "__init__.pyi")
-        if stub.exists():  # its names are loaded when they are first used
-            for node in ast.parse(stub.read_bytes()).body:
-                if isinstance(node, ast.ImportFrom) and name in [alias.name for alias in node.names]:
-                    return f"{package}.{node.module}" if node.level else str(node.module)
-        return package
-
-    def _save(self) -> None:
-        sources = {name: list(source) for name, source in self._read.items() if source is not None}
-        table = {**self._kept, **sources}
-        if self.table is None or table == self._kept:
-            return
-        self._kept = table
-        with suppress(OSError):  # a package that only others may write: its sources are parsed again
-            self.table.parent.mkdir(exist_ok=True)
-            with atomic(self.table) as temporary:
-                temporary.write_text(json.dumps(table), encoding="utf-8")
+    return kept_digest(tuple(dict.fromkeys(code)), folder)
 
 
-def is_of_package(name: str) -> bool:
+def digest_of(code: tuple[str, ...], folder: Path) -> str:
+    """The same as the files stand now."""
+    digest = hashlib.sha256()
+    for name in code:
+        place = folder / name
+        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            content = hashlib.sha256(file.read_bytes()).hexdigest()
+            digest.update(f"{file.relative_to(folder).as_posix()} {content}\n".encode())
+    return digest.hexdigest()[:DIGITS]
+
+
+kept_digest = cache(digest_of)
+
+
+def is_of_package(module: str) -> bool:
     """True if a module is of this package, by its name."""
-    return name.partition(".")[0] == PACKAGE
+    return module.partition(".")[0] == PACKAGE
 
 
-@cache
-def package_sources() -> Sources:
-    """The sources of this package, read once a process."""
-    folder = Path(__file__).parents[1]
-    return Sources(folder, folder / "__pycache__" / f"code.{sys.implementation.cache_tag}.json")
+def source_of(module: str) -> Path | None:
+    """The folder of the package that a module is of, or its file; None where it has no source."""
+    top = sys.modules.get(module.partition(".")[0])
+    places = list(getattr(top, "__path__", ())) or [getattr(top, "__file__", None) or ""]
+    return next((path for path in map(Path, places) if path.name and path.exists()), None)
 
 
-def read_table(path: Path | None) -> dict[str, list[Any]]:
-    """The sources that a table keeps, by name; none where it cannot be read."""
-    try:
-        table = {} if path is None else json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return table if isinstance(table, dict) else {}
+def code_of_methods(value: Any, folder: Path = HOME) -> Iterator[str]:
+    """The digests of the code of the methods and other classes that a parameter is made of, beside what the
+    step declares: of one of ours its own file, or the folder of its steps; of another package that package,
+    which may change while a process goes on, and all of ours, which it may take."""
+    for module in dict.fromkeys(modules_of(value)):
+        if is_of_package(module):
+            yield code_digest([path_of_method(module)], folder)
+        else:
+            place = source_of(module)
+            foreign = "" if place is None else digest_of((place.name,), place.parent)
+            yield code_digest(EVERYTHING, folder) + foreign
 
 
-def effective_syntax(content: bytes) -> ast.Module:
-    """The syntax tree of a module without what no result follows from: docstrings and imports for types."""
-    tree = ast.parse(content)
-    for node in ast.walk(tree):
-        for name in ("body", "orelse", "finalbody"):
-            statements = getattr(node, name, None)
-            if isinstance(statements, list):
-                setattr(node, name, [statement for statement in statements if is_effective(statement)])
-    return tree
-
-
-def is_effective(statement: ast.stmt) -> bool:
-    """True if a statement is neither a lone string nor a branch for type checkers."""
-    if isinstance(statement, ast.Expr):
-        return not (isinstance(statement.value, ast.Constant) and isinstance(statement.value.value, str))
-    return not (
-        isinstance(statement, ast.If)
-        and isinstance(statement.test, ast.Name)
-        and statement.test.id == "TYPE_CHECKING"
-    )
+def path_of_method(module: str) -> str:
+    """The file of a method of ours, or the folder that it has for its steps."""
+    _, *names = module.split(".")
+    return "/".join(names[:-1]) if len(names) > 2 else "/".join(names) + ".py"
 
 
 SUPERSEDED, THINNED, SHARPENED = "superseded", "thinned", "sharpened"

@@ -18,7 +18,7 @@ from typing import Any
 
 import eaves
 from eaves.formats import InputError
-from eaves.formats.atomic import atomic, clear_leftovers
+from eaves.formats.whole_files import atomic, clear_leftovers
 
 log = logging.getLogger("eaves")
 
@@ -312,7 +312,7 @@ def changes_between(before: Tables, now: Tables) -> Iterator[str]:
 
 BEFORE = "before-"
 """Start of the name of a folder of what was moved aside."""
-CHANGED, FOREIGN = "was changed since a run wrote it", "is of no run"
+CHANGED, FOREIGN = "was changed since a run wrote it", "was not written by eaves"
 LISTED = 20
 """Maximum number of files that a line names."""
 

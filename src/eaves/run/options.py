@@ -25,6 +25,8 @@ from eaves.model import LODS, Bounds
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
 """The outputs there are; see `eaves.flow.outputs`, and `eaves.report` for the last."""
+BROUGHT = ", and those of installed packages"
+"""Of a sentence, in place of names that the command line lists."""
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
 POLYGONS: tuple[Literal["clip", "footprints", "party_walls"], ...] = ("clip", "footprints", "party_walls")
 """The options that name a file of polygons."""
@@ -132,8 +134,7 @@ class RunOptions(TypedDict, total=False):
     source: Annotated[
         str | None,
         Option(
-            "Run a complete published system: chen_sun, xiao2014, ren_fcs, roof_attributes or "
-            "maas_vosselman.",
+            "Run a complete published system; `eaves methods --sources` lists them.",
             panel="methods",
         ),
     ]
@@ -270,8 +271,7 @@ class RunOptions(TypedDict, total=False):
     formats: Annotated[
         Names,
         Option(
-            "Additional formats: gpkg, citygml, citygml3, cityjson, obj, glb, 3dtiles, dxf, geojson, fgb, "
-            "parquet, kml, ifc, copc.",
+            f"Additional formats: cityjson, geojson, fgb, parquet{BROUGHT}.",
             (),
             again=True,
             panel="output",

@@ -25,7 +25,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 
 TIMES = {cls.__name__: cls for cls in (datetime, date, time)}
 MARK = "~"
@@ -180,7 +180,7 @@ def restored(value: dict[str, Any], arrays: bytes) -> Any:
         return dict(value["items"])
     if kind == "array":
         array = np.frombuffer(arrays, value["type"], math.prod(value["shape"]), value["place"])
-        return array.reshape(value["shape"]).copy()  # in line with the machine's words
+        return array.reshape(value["shape"]).copy()  # aligned in memory
     if kind == "geometry":
         return shapely.from_wkb(base64.b64decode(value["wkb"]))
     if kind == "bytes":

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import Chunk, InputError, Source, iter_chunks
-from eaves.formats.atomic import atomic
-from eaves.formats.fingerprint import refuse_change
+from eaves.formats.inputs import refuse_change
+from eaves.formats.whole_files import atomic
 from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block, Bounds, Points
 from eaves.model.cloud import canonical_order
 from eaves.run.index import Index, open_unchanged
-from eaves.run.keys import key_of, package_sources
+from eaves.run.keys import READING, code_digest, key_of
 from eaves.run.store import Store
 from eaves.run.world_squares import ring
 
@@ -113,7 +113,7 @@ def file_slices(index: Index, numbers: Iterable[int] | None = None) -> list[File
 
 def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> str:
     """The key of all that the points of a part follow from."""
-    code = package_sources().digest([__name__])
+    code = code_digest(READING)
     place = (part.mark, part.first, part.k, part.n, part.crs, part.to_crs, side, window)
     return key_of(code, store.system, *place, *store.fields)
 

@@ -36,15 +36,17 @@ RECORD = np.dtype(
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner, and a digest of
 the time of its pulse. Where methods take other fields of the points, `fields` holds them by name."""
+STARTS = "starts"
+"""Array of a block's result: how many its terrain begins with, of a filter that names them."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
 
 @dataclass(frozen=True)
 class Store:
-    """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
-    part of an input that is in place), a folder for each step (a file a unit, and beside it its mark);
-    while a small run lasts also `records/` (a file a part of a compressed input: its records as they are)."""
+    """A folder with `points/` (a folder for each block, in it a file for each part of an input), `parts/` (a
+    file for each part of an input that was read) and a folder for each step (for each unit a file and its
+    mark); during a small run also `records/` (decompressed records, a file for each part of an input)."""
 
     folder: Path
     has_returns: bool = True
@@ -52,8 +54,8 @@ class Store:
     system: CoordinateSystem = CoordinateSystem()  # noqa: RUF009 (frozen)
     fields: tuple[str, ...] = ()
     """Other fields of the points that methods take."""
-    outlasts: bool = False
-    """True if a later run may find the results; only then it is worth knowing what they follow from."""
+    persistent: bool = False
+    """True if a later run may reuse the results; only then are keys computed."""
 
     @property
     def record(self) -> np.dtype[np.void]:
@@ -61,9 +63,9 @@ class Store:
         return record_of(self.fields)
 
     def key_of(self, *taken: Any) -> str:
-        """The key of what a step takes from the files it reads; empty in a store that does not outlast its
-        run, which finds its results by these files alone."""
-        return key_of(*taken) if self.outlasts else ""
+        """The key of what a step takes from the files it reads; empty in a store that is not persistent,
+        where the files alone identify the results."""
+        return key_of(*taken) if self.persistent else ""
 
     def prepare(self, remedy: str = "run without --resume") -> None:
         """Make the folders, where nothing of another form lies in them.
@@ -243,7 +245,7 @@ class Store:
         for suffix in (".key", ".part"):
             self.path(step, unit).with_suffix(suffix).unlink(missing_ok=True)
 
-    def keep_only(self, step: str, units: Iterable[Block]) -> None:
+    def evict_others(self, step: str, units: Iterable[Block]) -> None:
         """Remove the results of a step for all units but these."""
         names = {unit.name for unit in units}
         for path in (self.folder / step).glob("*.*"):

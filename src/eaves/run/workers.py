@@ -24,8 +24,8 @@ from typing import Any, Self, TypeVar
 
 import numpy
 
-from eaves.formats.atomic import is_full
 from eaves.formats.errors import INSTALL
+from eaves.formats.whole_files import is_full
 from eaves.model.checks import error_line
 from eaves.run.memory import REMEDY, collect_rarely, limit_memory, share_memory
 
@@ -118,7 +118,7 @@ class Workers:
         (self.jobs, self._share), self.scheduler = share_memory(memory, jobs), scheduler
         self._pool: ProcessPoolExecutor | None = None
         self._line: Connection | None = None
-        """The end of a line that the processes wait at: they end with it."""
+        """Write end of the pipe that the processes watch: they exit when it closes."""
         self._broken = set[ProcessPoolExecutor]()
         self._client: Any = None
 
@@ -203,7 +203,7 @@ class Workers:
                     reason = f"{KILLED}, also when tried alone: memory may be short; {REMEDY}"
                     outcome = Outcome(index, error=reason)
                 yield outcome
-        except BaseException:  # Ctrl-C, an error, or the caller wants no more
+        except BaseException:  # Ctrl-C, an error, or a caller that stops iterating
             todo.clear()
             self._stop()
             raise

@@ -11,12 +11,8 @@ import shapely
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from eaves.formats.errors import InputError
-from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cityjson
-from eaves.geometry.face_table import FaceTable
-from eaves.geometry.inside import edges_of
-from eaves.geometry.rings import as_polygon
-from eaves.geometry.roof_fit import highest_faces
+from eaves.formats import CityObject, InputError, has_corners, read_cityjson
+from eaves.geometry import FaceTable, as_polygon, edges_of, highest_faces
 from eaves.model import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE, Bounds, Face, Solid, Values
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace, extrude_partition
 from eaves.simulate.objects.surfaces import CELL, Foliage, ScannedSurfaces, Terrain, grow_tree

@@ -13,9 +13,7 @@ import shapely
 from shapely import Polygon
 from shapely.affinity import affine_transform
 
-from eaves.formats.atomic import atomic
-from eaves.formats.in_memory import undated
-from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.formats import Row, atomic, undated, write_polygons
 from eaves.model import Bounds
 from eaves.model.checks import check_positive
 from eaves.model.cloud import snap

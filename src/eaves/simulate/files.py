@@ -10,11 +10,7 @@ from typing import Any
 import laspy
 import numpy as np
 
-from eaves.formats.atomic import atomic
-from eaves.formats.crs import pyproj_crs
-from eaves.formats.in_memory import undated
-from eaves.formats.models.cityjson import write_cityjson
-from eaves.formats.vectors.geopackage import Row, write_geopackage
+from eaves.formats import Row, atomic, pyproj_crs, undated, write_cityjson, write_geopackage
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
 
 STEP = 0.001

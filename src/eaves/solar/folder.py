@@ -13,12 +13,16 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from eaves.formats import InputError, read_polygons
-from eaves.formats.crs import horizontal_crs
-from eaves.formats.rasters.geotiff import RasterWindow
-from eaves.formats.rasters.mosaic import MosaicWriter
-from eaves.formats.vectors.geopackage import Row, write_layers
-from eaves.formats.vectors.polygons import read_upright
+from eaves.formats import (
+    InputError,
+    MosaicWriter,
+    RasterWindow,
+    Row,
+    horizontal_crs,
+    read_polygons,
+    read_upright,
+    write_layers,
+)
 from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.solar.roofs import FaceLight, SolarRules, best_in_the_open, light_on_faces
 from eaves.solar.sun import ClearSky, Weather

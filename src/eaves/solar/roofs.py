@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import Polygon
 
-from eaves.geometry.face_table import FaceTable
+from eaves.geometry import FaceTable
 from eaves.kernels import kernel
 from eaves.model import Integers, Mask, Raster, Values
 from eaves.solar.sun import MONTHS, Hours, light_on_plane

@@ -1,1 +1,5 @@
 """Closed solids: plans cut into cells, tidied, extruded, looked at once more."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -188,3 +188,12 @@ def mean_in(label: Labels, count: int, values: Values | Mask) -> Values:
     size = np.bincount(label.ravel(), minlength=count + 1)[1:]
     total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
     return np.asarray(total / np.maximum(size, 1), np.float64)
+
+
+def filled(surface: Values) -> Values:
+    """The surface (H, W) with its gaps taken from the nearest cell."""
+    gap = ~np.isfinite(surface)
+    if not gap.any() or gap.all():
+        return np.nan_to_num(surface)
+    nearest = ndimage.distance_transform_edt(gap, return_distances=False, return_indices=True)
+    return np.asarray(surface[tuple(nearest)], np.float64)

@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 from shapely import Polygon
 
-from eaves.formats.atomic import atomic
 from eaves.formats.crs import name_units
+from eaves.formats.format import Format
+from eaves.formats.whole_files import atomic
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -438,3 +439,6 @@ def _distinct(rings: list[list[int]]) -> list[list[int]]:
 
 def _line(value: Json) -> str:
     return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+FORMAT = Format({"models": ("buildings.city.json", write_cityjson)})

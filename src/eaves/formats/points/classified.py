@@ -17,12 +17,12 @@ from laspy.point.dims import raise_if_version_not_compatible_with_fmt
 from laspy.vlrs.vlrlist import VLRList
 from numpy.typing import NDArray
 
-from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
 from eaves.formats.points.las import FIRST_LAYERED_FORMAT, iter_copied, iter_records
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.source import CHUNK_POINTS, Source, has_coordinates
 from eaves.formats.points.text import iter_text
+from eaves.formats.whole_files import atomic
 from eaves.model import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")

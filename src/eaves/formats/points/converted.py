@@ -13,9 +13,9 @@ from typing import Any
 import laspy
 import numpy as np
 
-from eaves.formats.atomic import atomic
 from eaves.formats.errors import INSTALL, InputError
 from eaves.formats.points.raster_cells import is_raster, write_cells
+from eaves.formats.whole_files import atomic
 
 REMARKS = ".remarks.json"
 """Suffix of the file beside a converted raster that holds what is to be said of it."""

@@ -24,10 +24,10 @@ from laspy.copc import Bounds as CopcBounds
 from laspy.copc import CopcReader
 from laspy.errors import LaspyException
 
-from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
 from eaves.formats.inputs import LAS_SUFFIXES
 from eaves.formats.points.converted import convert, is_converted
+from eaves.formats.whole_files import atomic
 from eaves.model import Rectangle
 
 SCHEMES = ("http", "https")

@@ -15,9 +15,8 @@ import pyproj
 
 from eaves.formats.crs import LENGTHS, agree, crs_text, parse_crs, plane_part, system_of, unbound, unit_of
 from eaves.formats.errors import InputError
-from eaves.formats.fingerprint import fingerprint
 from eaves.formats.in_memory import as_point_files, is_path
-from eaves.formats.inputs import find_inputs
+from eaves.formats.inputs import find_inputs, fingerprint
 from eaves.formats.points.chunk import FARTHEST, Chunk
 from eaves.formats.points.las import WHOLE, iter_las, readable_fields
 from eaves.formats.points.las_header import LasHeader, read_las_header

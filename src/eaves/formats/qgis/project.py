@@ -15,10 +15,10 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 import numpy as np
 from pyproj.enums import WktVersion
 
-from eaves.formats.atomic import atomic
 from eaves.formats.crs import epsg_of, horizontal_crs, unit_lengths
 from eaves.formats.qgis import symbols
 from eaves.formats.qgis.styles import VERSION, Style, styles_of
+from eaves.formats.whole_files import atomic
 from eaves.model import CoordinateSystem
 
 RELIEF_LIGHT_DEG = (315.0, 45.0)

@@ -14,10 +14,10 @@ from importlib.resources import files
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
+from eaves.formats.columns import COLUMNS
 from eaves.formats.crs import unit_lengths
 from eaves.formats.qgis.symbols import classified, raised_polygons, single
 from eaves.model import CoordinateSystem
-from eaves.model.columns import COLUMNS
 
 VERSION = "3.22.0"
 """The oldest QGIS whose XML this is; newer ones read it."""

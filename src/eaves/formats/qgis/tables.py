@@ -7,10 +7,10 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+from eaves.formats.columns import COLUMNS
 from eaves.formats.crs import name_units
 from eaves.formats.qgis.styles import styles_of
 from eaves.model import NOTHING_KNOWN, CoordinateSystem, Provenance
-from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import describe_units
 
 TABLES = """

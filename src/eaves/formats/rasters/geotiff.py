@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.transform import Affine
 
-from eaves.formats.atomic import atomic
 from eaves.formats.crs import system_of
 from eaves.formats.errors import InputError
+from eaves.formats.whole_files import atomic
 from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Mask, Raster
 
 COG_OPTIONS: dict[str, Any] = {

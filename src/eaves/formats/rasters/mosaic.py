@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from rasterio.enums import Resampling
 from rasterio.windows import Window
 
-from eaves.formats.atomic import atomic
 from eaves.formats.rasters.geotiff import COG_OPTIONS, profile_of, transform_of
 from eaves.formats.rasters.vrt import NO_TAGS
+from eaves.formats.whole_files import atomic
 from eaves.model import LOCAL_METRES, Bounds, CoordinateSystem, Raster
 
 TILE = 256

@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import rasterio
 
-from eaves.formats.atomic import atomic
+from eaves.formats.whole_files import atomic
 
 NO_TAGS: Mapping[str, str] = MappingProxyType({})
 

@@ -6,6 +6,7 @@ import logging
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain, islice
 from math import isfinite
 from pathlib import Path
@@ -17,17 +18,18 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from eaves.formats.atomic import atomic
+from eaves.formats.columns import COLUMNS, DETAILS, LAYERS
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError
+from eaves.formats.format import Format
 from eaves.formats.qgis.tables import describe_layers
+from eaves.formats.whole_files import atomic
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
     CoordinateSystem,
     Provenance,
 )
-from eaves.model.columns import COLUMNS, DETAILS, LAYERS
 
 log = logging.getLogger("eaves")
 
@@ -329,3 +331,13 @@ def plain_value(value: Any, kind: str = "") -> Any:
     if isinstance(value, float) and kind == "bool":
         return bool(value)
     return int(value) if isinstance(value, float) and kind.startswith(("int", "uint")) else value
+
+
+write_roof_planes = partial(write_polygons, layer="roof_planes")
+GEOJSON = Format({"footprints": ("footprints.geojson", write_polygons)})
+FLATGEOBUF = Format(
+    {
+        "footprints": ("footprints.fgb", write_polygons),
+        "roof_planes": ("roof_planes.fgb", write_roof_planes),
+    }
+)

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import shapely
 
-from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
-from eaves.formats.errors import InputError, require_extra
+from eaves.formats.errors import InputError
+from eaves.formats.format import Format
 from eaves.formats.vectors.geopackage import Row, column_of, shapes_in_units
 from eaves.formats.vectors.vector_files import VectorLayer
+from eaves.formats.whole_files import atomic
 from eaves.model import LOCAL_METRES, NOTHING_KNOWN, CoordinateSystem, Provenance, Rectangle
 
 VERSION = "1.1.0"
@@ -61,7 +62,7 @@ def write_geoparquet(
     >>> square = shapely.box(85000, 447000, 85010, 447010)
     >>> write_geoparquet("shed.parquet", [Row(square, {"id": "shed", "area_m2": 100.0})])
     """
-    require_extra("parquet")
+    FORMAT.require()
     import pyarrow
     import pyarrow.parquet
 
@@ -170,11 +171,11 @@ def plain_column(column: Any) -> np.ndarray[Any, Any]:
 @contextmanager
 def opened_parquet(path: Path) -> Iterator[tuple[Any, dict[str, Any], str | None]]:
     """The file, its `geo` entry, and its reference system as text (None where it says there is none)."""
-    require_extra("parquet")
+    FORMAT.require()
     import pyarrow
     import pyarrow.parquet
 
-    refusal = InputError.about(path, "is no GeoParquet with shapes as WKB", "write it anew with GDAL")
+    refusal = InputError.about(path, "is not GeoParquet with WKB geometry", "write it anew with GDAL")
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
             about = json.loads((file.schema_arrow.metadata or {})[b"geo"])
@@ -191,3 +192,12 @@ def opened_parquet(path: Path) -> Iterator[tuple[Any, dict[str, Any], str | None
         if isinstance(error, InputError):
             raise
         raise refusal from None
+
+
+FORMAT = Format(
+    {
+        "footprints": ("footprints.parquet", write_geoparquet),
+        "roof_planes": ("roof_planes.parquet", write_geoparquet),
+    },
+    extra=("parquet", "pyarrow", "GeoParquet needs pyarrow"),
+)

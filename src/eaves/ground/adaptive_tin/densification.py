@@ -31,8 +31,6 @@ class Limits:
     """Farthest vertex that is mirrored at, m."""
     noise: float
     """A point nearer to the facet than this (m) is ground, and tells the TIN nothing new."""
-    steepest: float
-    """A steeper facet at the hull says nothing of the terrain beyond."""
 
 
 class Waiting(NamedTuple):
@@ -79,7 +77,6 @@ def densify(tin: Tin, xyz: Points, waiting: Waiting, limits: Limits, rounds: int
             limits.steep,
             limits.reach,
             limits.noise,
-            limits.steepest,
         )
         if not fits.any():
             return number
@@ -88,9 +85,7 @@ def densify(tin: Tin, xyz: Points, waiting: Waiting, limits: Limits, rounds: int
     return rounds
 
 
-def insert_residuals(
-    tin: Tin, xyz: Points, waiting: Waiting, residual: Values, noise: float, steepest: float
-) -> None:
+def insert_residuals(tin: Tin, xyz: Points, waiting: Waiting, residual: Values, noise: float) -> None:
     """Insert the points (K,) that are farther than `noise` (m) from the TIN, until none is.
 
     `residual` (K,) holds their distances from it now. The others would tell it nothing new.
@@ -98,28 +93,24 @@ def insert_residuals(
     while (far := residual > noise).any():
         tin.insert(waiting.numbers[far], waiting.hint[far])
         waiting, residual = waiting.without(far), residual[~far]
-        update_residuals(tin, xyz, waiting, residual, steepest)
+        update_residuals(tin, xyz, waiting, residual)
 
 
-def update_residuals(tin: Tin, xyz: Points, waiting: Waiting, residual: Values, steepest: float) -> None:
+def update_residuals(tin: Tin, xyz: Points, waiting: Waiting, residual: Values) -> None:
     """Set the distances (K,), m, of points from the facets of the TIN where those are others than before."""
     if len(tin.vertices):
-        residual_kernel(xyz, *waiting, tin.whole, tin.vertices, tin.neighbours, residual, steepest)
+        residual_kernel(xyz, *waiting, tin.whole, tin.vertices, tin.neighbours, residual)
 
 
-def near_surface(
-    tin: Tin, xyz: Points, points: Points, tolerance: float, slant: float, steepest: float
-) -> Mask:
+def near_surface(tin: Tin, xyz: Points, points: Points, tolerance: float, slant: float) -> Mask:
     """The points (M, 3) no farther along z from the TIN of some of others (N, 3) than a tolerance (m), plus
-    `slant` (m) per unit of the facet's slope, which counts up to `steepest`.
+    `slant` (m) per unit of the facet's slope.
     """
     if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
         nearest = cKDTree(xyz[tin.waiting, :2]).query(points[:, :2])[1]
         return np.asarray(np.abs(points[:, 2] - xyz[tin.waiting[nearest], 2]) <= tolerance)
     return np.asarray(
-        near_kernel(
-            points, xyz, tin.whole, tin.corner, tin.vertices, tin.neighbours, tolerance, slant, steepest
-        )
+        near_kernel(points, xyz, tin.whole, tin.corner, tin.vertices, tin.neighbours, tolerance, slant)
     )
 
 
@@ -145,13 +136,10 @@ def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) 
 
 
 @inlined_kernel
-def facet_at(
-    xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float, steepest: float
-) -> Any:
+def facet_at(xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float) -> Any:
     """Height of a facet at (x, y), its slope, and the distance of (x, y) from the hull (0 inside).
 
-    Outside the hull the facet behind the hull's edge goes on, or where that is steeper than
-    `steepest` the edge's height does.
+    Outside the hull the facet behind the hull's edge goes on.
     """
     for k in range(3):
         if vertices[triangle, k] != OUTSIDE:
@@ -162,9 +150,7 @@ def facet_at(
         along = min(1.0, max(0.0, along))
         away = np.hypot(x - xyz[a, 0] - along * ux, y - xyz[a, 1] - along * uy)
         height, slope = facet_inside(xyz, vertices, neighbours[triangle, k], x, y)
-        if slope <= steepest:
-            return height, slope, away
-        return xyz[a, 2] + along * (xyz[b, 2] - xyz[a, 2]), 0.0, away
+        return height, slope, away
     height, slope = facet_inside(xyz, vertices, triangle, x, y)
     return height, slope, 0.0
 
@@ -184,7 +170,6 @@ def fits_kernel(
     steep: float,
     reach: float,
     noise: float,
-    steepest: float,
 ) -> tuple[Mask, Mask]:
     """Masks (K,) of the candidates that fit the TIN, and of those that change it.
 
@@ -206,7 +191,7 @@ def fits_kernel(
         hint[i] = here
         last = here
         judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
-        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y, steepest)
+        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y)
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
         if off > distance and slope < steep:
             continue
@@ -229,7 +214,7 @@ def fits_kernel(
         mx, my = 2.0 * xyz[nearest, 0] - x, 2.0 * xyz[nearest, 1] - y
         right, up = int(np.round((mx - corner[0]) / GRID_STEP)), int(np.round((my - corner[1]) / GRID_STEP))
         across = walk(steps, vertices, neighbours, here, right, up)
-        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my, steepest)
+        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my)
         if away > 0.0 or slope > steep:
             continue
         off = abs(z - (2.0 * xyz[nearest, 2] - height))
@@ -247,7 +232,6 @@ def residual_kernel(
     vertices: Ids,
     neighbours: Ids,
     residual: Values,
-    steepest: float,
 ) -> None:
     """Distance of each of the points (K,) from its facet, into `residual`; `hint` and `judged` are those of
     `Waiting`.
@@ -263,7 +247,7 @@ def residual_kernel(
         hint[i] = last
         for k in range(3):
             judged[i, k] = vertices[last, k]
-        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1], steepest)
+        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1])
         residual[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
@@ -277,7 +261,6 @@ def near_kernel(
     neighbours: Ids,
     tolerance: float,
     slant: float,
-    steepest: float,
 ) -> Mask:
     """Mask (M,) of the points (M, 3) within the tolerance + `slant` · slope of the facet at each, along z."""
     fits = np.empty(len(points), np.bool_)
@@ -289,12 +272,12 @@ def near_kernel(
         here = walk(steps, vertices, neighbours, here, right, up)
         a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
-            height, slope, _ = facet_at(xyz, vertices, neighbours, here, x, y, steepest)
+            height, slope, _ = facet_at(xyz, vertices, neighbours, here, x, y)
             facet = -1
         else:
             if here != facet:  # points come in order, so a plane often serves the next one too
                 east, north, slope = plane_of(xyz, vertices, here)
                 facet = here
             height = xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1])
-        fits[i] = abs(z - height) <= tolerance + slant * min(slope, steepest)
+        fits[i] = abs(z - height) <= tolerance + slant * slope
     return fits

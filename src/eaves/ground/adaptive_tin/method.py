@@ -113,14 +113,10 @@ class AdaptiveTin(Opening, GroundMethod):
       the terrain when the length of its rim that steps down by a `wall` is more than `up_weight` of what goes
       up or to crowns and machines, `void_weight` of that beyond which nothing was measured, and
       `level_weight` of what meets wide terrain level; the widest surface is terrain, and what it reaches
-      follows until nothing changes. The parts of terrain between creases are judged once more: a slope
-      that comes down to a flat part goes up, and a steeper part is reached. Points over the terrain beneath a
-      raised surface, drawn from around it, are never ground; the steps below see them as objects. Not with
-      `seed_cell`.
+      follows until nothing changes. Points over the terrain beneath a raised surface, drawn from around it,
+      are never ground; the steps below see them as objects. Not with `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
-      pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
-      found in a first pass; heights are moved along it to the centres of their cells. The opening is done
-      twice, so that a roof between roofs is found.
+      pingel2013], up to `window`. The opening is done twice, so that a roof between roofs is found.
     - A piece that the opening took is weighed in the same way: it is terrain again where `level_weight` of
       the rim that meets the ground level is more than what steps down, and `window`. Roofs step down on
       all sides, spurs and high fields do not.
@@ -133,9 +129,9 @@ class AdaptiveTin(Opening, GroundMethod):
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
 
-    The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m. The TIN
-    of a block of a run ends `rim_apart` beyond it, as at the edge of data, which changes one point in ten
-    thousand.
+    The reach of a window of `window` is its width, and a chain of joining points adds little: half as much.
+    The TIN of a block of a run ends half a window beyond it, as at the edge of data, which changes one point
+    in ten thousand.
     Roughness and spacing are measured over the whole cloud that is given, which in a run is a square of
     240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for
     within `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m
@@ -147,7 +143,7 @@ class AdaptiveTin(Opening, GroundMethod):
     than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
     parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through more
     than half of its walls, or where it is wider than `wide_around`; so does a roof dug into a slope, flush
-    with the ground uphill, where no crease closes it off or it is narrower than `window`. A wide low roof
+    with the ground uphill. A wide low roof
     enclosed by higher wings is taken for their court. A terrace that the rim of the data cuts goes where
     nothing stands on it and more than three sevenths of its rim step down, or where it is narrower than
     `window`. A plateau of rock with vertical walls all round goes. A hill narrower than the window goes when
@@ -169,12 +165,6 @@ class AdaptiveTin(Opening, GroundMethod):
     idea: ClassVar[str] = "A TIN of sure ground points takes in the points that fit it, until none joins."
     paper: ClassVar[str] = "axelsson2000"
 
-    rim_apart: float = parameter(
-        10.0,
-        "Distance between points that predict the terrain; the first stand half as far outside the data.",
-        unit="m",
-        gt=0,
-    )
     rim_nearest: int = parameter(
         32, "Number of nearest sure ground points that define the plane of each.", ge=1
     )
@@ -211,12 +201,6 @@ class AdaptiveTin(Opening, GroundMethod):
     steep: float = parameter(
         0.6, "A facet as steep may hide a break line; a flatter one is extended across it.", ge=0
     )
-    steepest: float = parameter(
-        1.5,
-        "Steepest terrain: steeper facets are not extended beyond the hull, and more slope adds no "
-        "tolerance.",
-        ge=0,
-    )
     looks: int = parameter(
         5,
         "Sets of cells that are tried where the spacing is more than `cell_least`; most of them decide.",
@@ -225,8 +209,14 @@ class AdaptiveTin(Opening, GroundMethod):
     rounds: int = parameter(8, "Maximum number of rounds of densification.", ge=0)
 
     @property
+    def rim_apart(self) -> float:
+        """Distance (m) between points that predict the terrain; the first stand half as far outside the
+        data."""
+        return self.window / 2.0
+
+    @property
     def buffer(self) -> float:
-        return 40.0
+        return self.window + self.rim_apart
 
     def for_scan(self, blur: float, roughness: float) -> Self:
         if blur == 0.0:
@@ -287,7 +277,7 @@ class AdaptiveTin(Opening, GroundMethod):
         if self.seed_cell is not None:
             seeds = lowest_of_cells(around, self.seed_cell)
         else:
-            seeds = seeds_by_opening(lowest_surface(around, Bounds.of(around), cell, self, over), self)
+            seeds = seeds_by_opening(lowest_surface(around, Bounds.of(around), cell, over), self)
         place = np.full(len(around), EMPTY)
         place[inner] = np.arange(len(inner))
         over, seeds = over.take(inner), place.take(seeds)
@@ -309,13 +299,13 @@ class AdaptiveTin(Opening, GroundMethod):
         low = np.concatenate([xyz.take(np.flatnonzero(inserted), axis=0), rim])
         tin = Tin(low, np.concatenate([place[first], np.arange(len(low) - len(rim), len(low))]))
         waiting_fine, residual = Waiting.of(place[fine]), np.zeros(len(fine))
-        update_residuals(tin, low, waiting_fine, residual, self.steepest)
+        update_residuals(tin, low, waiting_fine, residual)
         tolerance = self.tolerance(median(residual) if len(fine) else 0.0)
         noise = tolerance / self.tolerance_gain
-        insert_residuals(tin, low, waiting_fine, residual, noise, self.steepest)
+        insert_residuals(tin, low, waiting_fine, residual, noise)
         angle = np.radians(self.angle + self.angle_share * spacing)
-        limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise, self.steepest)
+        limits = Limits(self.distance_share * spacing, angle, self.steep, 2 * cell, noise)
         densify(tin, low, Waiting.of(place[candidates]), limits, self.rounds)
         if emit is not ignore:
             emit("triangles", low[tin.triangles])
-        return near_surface(tin, low, xyz, tolerance, 0.5 * spacing, self.steepest) & ~over
+        return near_surface(tin, low, xyz, tolerance, 0.5 * spacing) & ~over

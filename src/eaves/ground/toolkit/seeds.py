@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.ground.toolkit.wide_objects import PlateauRules
 from eaves.kernels import kernel
 from eaves.methods import parameter
-from eaves.model import Bounds, Grid, Integers, Labels, Mask, Points, Raster
+from eaves.model import Bounds, Grid, Labels, Mask, Points, Raster
 from eaves.raster.grid import (
     EMPTY,
     heights_of,
@@ -22,7 +21,7 @@ from eaves.raster.grid import (
     whole_cells,
 )
 from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
-from eaves.raster.interpolate import fill_linear, fill_smooth
+from eaves.raster.interpolate import fill_linear
 
 
 class TerraceRules(PlateauRules):
@@ -142,19 +141,17 @@ class Opening(TerraceRules):
 
     object_slope: float = parameter(
         0.1,
-        "Rise over the opened surface, per metre of the window's radius, that makes an object; on a slope "
-        "of 1 twice as much.",
+        "Rise over the opened surface, per metre of the window's radius, that makes an object.",
         gt=0,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class LowestPoints:
-    """The lowest point of each cell: its number (H, W), and its height moved to the centre of the cell."""
+    """The lowest point of each cell: its number (H, W), and its height, which goes on between them."""
 
     number: NDArray[np.int64]
     surface: Raster
-    slope: Grid
     over: Mask
     """Mask (H, W) of the cells that hold nothing but what stands over the terrain."""
 
@@ -168,71 +165,15 @@ def lowest_of_cells(xyz: Points, side: float, bounds: Bounds | None = None) -> N
     return np.asarray(number[number != EMPTY])
 
 
-def lowest_surface(xyz: Points, bounds: Bounds, cell: float, opening: Opening, over: Mask) -> LowestPoints:
-    """The surface of the lowest points (N, 3) within `bounds`, and the slope of the terrain in it as a first
-    pass finds it; `over` (N,) are points that stand over the terrain.
-
-    A lowest point lies anywhere in its cell, which on a slope is a height error of slope × cell. So the
-    heights are moved along the slope to the centre of the cell.
+def lowest_surface(xyz: Points, bounds: Bounds, cell: float, over: Mask) -> LowestPoints:
+    """The surface of the lowest points (N, 3) within `bounds`; `over` (N,) are points that stand over the
+    terrain.
     """
     bounds = whole_cells(bounds, cell)
     number = lowest_points(xyz, bounds, cell)
-    (rows, columns), occupied = number.shape, number != EMPTY
-    above = occupied & over[np.maximum(number, 0)]
-    heights = heights_of(number, xyz[:, 2])
-    bare = Raster(np.where(above, np.float32(np.nan), heights), bounds.west, bounds.north, cell)
-    south, east = slopes_of(bare, opening)
-    centred = centred_kernel(xyz, number, heights, east, south, bounds.west, bounds.north, cell)
-    slope = np.repeat(np.repeat(np.hypot(south, east), 2, axis=0), 2, axis=1)[:rows, :columns]
-    return LowestPoints(number, fill_linear(bare.with_(values=centred)), slope, above)
-
-
-@kernel
-def centred_kernel(
-    xyz: Points,
-    number: Integers,
-    heights: Grid,
-    east: Grid,
-    south: Grid,
-    west: float,
-    north: float,
-    cell: float,
-) -> Grid:
-    """Heights (H, W) of the points numbered (H, W), moved to the centres of their cells along the rise to
-    east and south, which is that of two by two cells; NaN where there is none."""
-    rows, columns = number.shape
-    centred = np.full((rows, columns), np.nan, np.float32)
-    for row in range(rows):
-        for column in range(columns):
-            i = number[row, column]
-            if i == EMPTY:
-                continue
-            z = np.float64(heights[row, column])
-            z += east[row // 2, column // 2] * (west + (column + 0.5) * cell - xyz[i, 0])
-            z -= south[row // 2, column // 2] * (north - (row + 0.5) * cell - xyz[i, 1])
-            centred[row, column] = z
-    return centred
-
-
-def slopes_of(lowest: Raster, opening: Opening) -> tuple[Grid, Grid]:
-    """Rise of the terrain to the south and to the east in each square of two by two cells (H, W), by a first
-    opening of its lowest heights.
-
-    It is measured over a quarter of the widest window, so that no car makes one.
-    """
-    rows, columns = lowest.shape
-    even = np.pad(lowest.values, ((0, rows % 2), (0, columns % 2)), constant_values=np.nan)
-    upper, lower = (np.fmin(even[k::2, ::2], even[k::2, 1::2]) for k in range(2))
-    halves = np.fmin(upper, lower)
-    wide = Raster(fill_smooth(halves), lowest.west, lowest.north, 2.0 * lowest.cell)
-    level = np.zeros(wide.shape, np.float32)
-    if min(wide.shape) < 2:
-        return level, level
-    objects = stands_out(wide, opening, level)
-    terrain = fill_smooth(np.where(objects, np.float32(np.nan), halves))
-    smooth = ndimage.gaussian_filter(terrain, opening.window / 4.0 / wide.cell, truncate=2)
-    south, east = np.gradient(smooth, wide.cell)
-    return south, east
+    above = (number != EMPTY) & over[np.maximum(number, 0)]
+    heights = Raster(heights_of(number, xyz[:, 2]), bounds.west, bounds.north, cell)
+    return LowestPoints(number, fill_linear(heights), above)
 
 
 def seeds_by_opening(lowest: LowestPoints, opening: Opening) -> NDArray[np.int64]:
@@ -254,21 +195,20 @@ def terrain_of(lowest: LowestPoints, opening: Opening) -> Raster:
 def stands_over(lowest: LowestPoints, opening: Opening) -> Mask:
     """Cells (H, W) of objects up to the widest window wide."""
     surface, occupied = lowest.surface, lowest.number != EMPTY
-    objects = stands_out(surface, opening, lowest.slope) | lowest.over
+    objects = stands_out(surface, opening) | lowest.over
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
-    objects |= stands_out(fill_linear(bare), opening, lowest.slope)
+    objects |= stands_out(fill_linear(bare), opening)
     objects &= ~find_terraces(surface, objects, occupied, opening) | lowest.over
     return objects
 
 
-def stands_out(surface: Raster, opening: Opening, slope: Grid) -> Mask:
+def stands_out(surface: Raster, opening: Opening) -> Mask:
     """Cells (H, W) that rise over the surface opened with a growing window.
 
     A window of radius r takes away what is narrower than 2 r; a cell is an object's when it loses more than
-    `object_slope` · (1 + slope) · r to one step [zhang2003, pingel2013].
+    `object_slope` · r to one step [zhang2003, pingel2013].
     """
     objects = np.zeros(surface.shape, bool)
-    rise = (opening.object_slope * (1.0 + slope)).astype(np.float32)
     widest = max(1, round(opening.window / 2.0 / surface.cell))
     # a few cells more at a time, and an eighth once that is more
     radii = [1]
@@ -277,16 +217,6 @@ def stands_out(surface: Raster, opening: Opening, slope: Grid) -> Mask:
     higher = surface.values
     # opened with a window, a surface is the same as opened with the windows before it, too
     for radius, lower in zip(radii, openings(higher, radii), strict=True):
-        stand_out_kernel(objects, higher, lower, rise, np.float32(radius * surface.cell))
+        objects |= higher - lower > np.float32(opening.object_slope * radius * surface.cell)
         higher = lower
     return objects
-
-
-@kernel
-def stand_out_kernel(objects: Mask, surface: Grid, lower: Grid, rise: Grid, radius: float) -> None:
-    """Mark in `objects` (H, W) the cells of `surface` that rise over `lower`."""
-    rows, columns = objects.shape
-    for row in range(rows):
-        line, upper, low, most = objects[row], surface[row], lower[row], rise[row]
-        for column in range(columns):
-            line[column] |= upper[column] - low[column] > most[column] * radius

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,10 @@ from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, 
 from eaves.raster.grid import WorldGrids, lowest_in_squares
 from eaves.raster.interpolate import ADJOINING, interpolate_cells, near_cells
 
-KINDS = ("unknown", "down", "up", "level", "leads", "rises", "void")
-UNKNOWN, DOWN, UP, LEVEL, LEADS, RISES, VOID = range(len(KINDS))
+KINDS = ("unknown", "down", "up", "level", "void")
+UNKNOWN, DOWN, UP, LEVEL, VOID = range(len(KINDS))
 KIND_COUNT = len(KINDS)
-"""Kinds of what lies beyond a piece of rim; void, where nothing was measured at all. Across a crease the
-other part rises where it is steeper, and leads to this one else."""
+"""Kinds of what lies beyond a piece of rim; void, where nothing was measured at all."""
 LOOK_CELLS = 2
 """What is beyond a rim is looked for so far: walls and eaves hide the ground at their foot. The terrain
 beneath a raised surface is drawn from that as near; cells of none within twice as much are its parapets."""
@@ -60,11 +59,6 @@ class PlateauRules(Method):
         """Surfaces (m²) less than half a window long and broad are left to the opening."""
         return (self.window / 2.0) ** 2
 
-    @property
-    def crease(self) -> float:
-        """Least bend (1) that parts a surface: within two windows it makes a wall."""
-        return self.wall / (2.0 * self.window)
-
     def tolerance(self, roughness: float) -> float:
         """Largest distance, along z, m, from a level surface of what belongs to it."""
         return min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))
@@ -84,20 +78,6 @@ class Surfaces:
     area: Values
     contacts: Integers
     length: Values
-    whole: Integers
-    """The surface (K + 1,) that creases parted each from."""
-
-    def joined(self) -> Surfaces:
-        """The same before creases parted them."""
-        contacts = np.column_stack([self.whole[self.contacts[:, :2]], self.contacts[:, 2]])
-        other = contacts[:, 0] != contacts[:, 1]
-        return replace(
-            self,
-            area=np.asarray(np.bincount(self.whole, self.area), np.float64),
-            contacts=contacts[other],
-            length=self.length[other],
-            whole=np.arange(self.whole.max() + 1),
-        )
 
     @property
     def rims(self) -> Values:
@@ -119,89 +99,48 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     """The surfaces in lowest heights (H, W), NaN where unknown, of cells of a side (m).
 
     Squares of two by two cells with no step between them join where they share two cells: a way from one
-    surface to another is at least two cells wide. Creases part them: a flat roof that is dug into a slope
-    meets it in one.
+    surface to another is at least two cells wide.
     """
     step = min(rules.wall, max(rules.wall / 2, cell))
     occupied = np.isfinite(heights)
     z = np.where(occupied, heights, np.float32(np.inf))
     z = np.where(occupied, heights, lowest_in_squares(z, 1))
     z[np.isinf(z)] = np.nan
-    whole = ndimage.label(squares_kernel(z, np.float32(step)))[0]
-    square, steep = part_at_creases(z, whole, cell, rules)
-    label, count = cells_kernel(square), int(square.max(initial=0))
+    square, count = ndimage.label(squares_kernel(z, np.float32(step)))
+    label = cells_kernel(square)
     area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
     area[0] = 0.0
-    joined = cells_kernel(np.asarray(whole, np.int32))
-    sides = rim_kernel(z, occupied, label, joined, steep, LOOK_CELLS, max(rules.wall, cell), rules.crease)
+    sides = rim_kernel(z, occupied, label, LOOK_CELLS, max(rules.wall, cell))
     key, length = np.unique(sides, return_counts=True)
     surface, code = np.divmod(key, KIND_COUNT * (count + 1))
     contacts = np.stack([surface, code // KIND_COUNT, code % KIND_COUNT], axis=-1)
-    from_whole = np.zeros(count + 1, np.int64)
-    from_whole[square] = whole
-    return Surfaces(cell, z, label, area, contacts, length.astype(np.float64), from_whole)
-
-
-def part_at_creases(z: Grid, whole: Labels, cell: float, rules: PlateauRules) -> tuple[Labels, Grid]:
-    """The wide parts of surfaces, numbered in squares (H - 1, W - 1) of cells of a side (m), and the slope of
-    each cell (H, W).
-
-    A crease is where the surface bends up, both ways together. Narrow parts go to the nearest wide one of
-    their surface.
-    """
-    even, steep = even_kernel(z, whole, cell, LOOK_CELLS, rules.crease)
-    part, count = ndimage.label(even)
-    wide = np.bincount(part.ravel(), minlength=count + 1) * cell**2 >= rules.wide_area
-    wide[0] = False
-    nearest = tuple(ndimage.distance_transform_edt(~wide[part], return_distances=False, return_indices=True))
-    near = whole[nearest] == whole
-    part = np.where(whole > 0, np.where(near & wide.any(), part[nearest], count + whole), 0)
-    used = np.bincount(part.ravel(), minlength=1) > 0
-    used[0] = False
-    return np.asarray(np.cumsum(used)[part], np.int32), steep
+    return Surfaces(cell, z, label, area, contacts, length.astype(np.float64))
 
 
 def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     """Verdict on surfaces: which are terrain, and which stand over it.
 
-    They are judged before creases part them, and then the parts of those that are terrain.
-    """
-    wholes = surfaces.joined()
-    terrain = find_terrain(wholes, np.ones(len(wholes.area), bool), rules)
-    terrain = find_terrain(surfaces, terrain[surfaces.whole], rules)
-    surface, beyond, _ = surfaces.contacts.T
-    over, wide = ~terrain, surfaces.area >= rules.wide_area
-    over[0] = False
-    inner = over[surface] & over[beyond]
-    group = connected_groups_kernel(surface[inner], beyond[inner], len(over))
-    has_wide = np.bincount(group, over & wide) > 0
-    return PlateauVerdict(terrain & wide, over & has_wide[group])
-
-
-def find_terrain(surfaces: Surfaces, open_: Mask, rules: PlateauRules) -> Mask:
-    """Of each surface (K + 1,) whether it is terrain; only those that are `open_` (K + 1,) may be.
-
     An object steps down on its rim; terrain is what others stand on, and what terrain leads to. So a surface
     is terrain unless more of its rim steps down than is weighed up by what goes up, what is void and what
-    meets wide terrain level. The widest is terrain, and what it reaches follows until nothing changes. Of two
-    parts of a surface the steeper is reached from the other, as a ramp is, and for a flat one the slope that
-    comes down to it goes up.
+    meets wide terrain level. The widest is terrain, and what it reaches follows until nothing changes.
     """
     surface, beyond, kind = surfaces.contacts.T
     rims, count = surfaces.rims, len(surfaces.area)
-    up = rims[:, UP] + rims[:, UNKNOWN] + rims[:, RISES]
-    stands = rims[:, DOWN] - rules.up_weight * up - rules.void_weight * rims[:, VOID]
-    pair = np.unique(surface * count + beyond, return_inverse=True)[1]
-    leads = np.bincount(pair, surfaces.length * ((kind == LEADS) * 1.0 - (kind == RISES)))[pair] > 0.0
+    stands = rims[:, DOWN] - rules.up_weight * (rims[:, UP] + rims[:, UNKNOWN])
+    stands -= rules.void_weight * rims[:, VOID]
     wide = surfaces.area >= rules.wide_area
-    terrain, before = np.arange(count) == np.argmax(surfaces.area * open_), np.zeros(count, bool)
+    terrain, before = np.arange(count) == np.argmax(surfaces.area), np.zeros(count, bool)
     while (terrain != before).any():
         before, meets = terrain, (kind == LEVEL) & (terrain & wide)[beyond]
         level = np.bincount(surface[meets], surfaces.length[meets], count)
-        terrain = terrain | (open_ & (stands <= rules.level_weight * level))
-        terrain[surface[leads & terrain[beyond]]] = True
+        terrain = terrain | (stands <= rules.level_weight * level)
         terrain[0] = False
-    return np.asarray(terrain)
+    over = ~terrain
+    over[0] = False
+    inner = over[surface] & over[beyond]
+    group = connected_groups_kernel(surface[inner], beyond[inner], count)
+    has_wide = np.bincount(group, over & wide) > 0
+    return PlateauVerdict(terrain & wide, over & has_wide[group])
 
 
 @kernel
@@ -217,35 +156,6 @@ def squares_kernel(z: Grid, step: float) -> Mask:
                 abs(a - b) <= step and abs(c - d) <= step and abs(a - c) <= step and abs(b - d) <= step
             )
     return even
-
-
-@kernel
-def even_kernel(z: Grid, whole: Labels, cell: float, apart: int, crease: float) -> tuple[Mask, Grid]:
-    """Mask (H - 1, W - 1) of the squares of surfaces in no crease, and the slope of each cell (H, W).
-
-    Slopes are means of three by three squares; `apart` squares on either side they differ by the bend.
-    """
-    rows, columns = whole.shape
-    rise, steep = np.zeros((2, rows, columns)), np.zeros_like(z)
-    for row in range(rows):
-        for column in range(columns):
-            count = 0
-            for r in range(max(row - 1, 0), min(row + 2, rows)):
-                for c in range(max(column - 1, 0), min(column + 2, columns)):
-                    if whole[r, c] > 0:
-                        falling, rising = z[r + 1, c + 1] - z[r, c], z[r + 1, c] - z[r, c + 1]
-                        rise[0, row, column] += falling + rising
-                        rise[1, row, column] += falling - rising
-                        count += 1
-            rise[:, row, column] /= 2.0 * cell * max(count, 1)
-            steep[row, column] = np.hypot(rise[0, row, column], rise[1, row, column])
-    even = whole > 0
-    for row in range(rows):
-        for column in range(columns):
-            bend = rise[0, min(row + apart, rows - 1), column] - rise[0, max(row - apart, 0), column]
-            bend += rise[1, row, min(column + apart, columns - 1)] - rise[1, row, max(column - apart, 0)]
-            even[row, column] &= bend <= crease
-    return even, steep
 
 
 @kernel
@@ -265,20 +175,10 @@ def cells_kernel(square: Labels) -> Labels:
 
 
 @kernel
-def rim_kernel(
-    z: Grid,
-    occupied: Mask,
-    label: Labels,
-    joined: Labels,
-    steep: Grid,
-    looks: int,
-    wall: float,
-    steeper: float,
-) -> Integers:
+def rim_kernel(z: Grid, occupied: Mask, label: Labels, looks: int, wall: float) -> Integers:
     """For each side of a cell (H, W) on a surface's rim: surface, surface beyond, and kind, as one number.
 
-    The first surface within `looks` cells is what is beyond; one's own means that there is no rim. What was
-    `joined` before creases parted it rises where it is `steeper` by so much, as far on either side.
+    The first surface within `looks` cells is what is beyond; one's own means that there is no rim.
     """
     rows, columns = z.shape
     count = np.int64(label.max()) + 1
@@ -308,16 +208,6 @@ def rim_kernel(
                     beyond = label[r, c]
                     fall = z[row, column] - z[r, c]
                     kind = DOWN if fall >= wall else (UP if fall <= -wall else LEVEL)
-                    if kind == LEVEL and joined[r, c] == joined[row, column]:
-                        behind = (
-                            min(max(row - looks * dr, 0), rows - 1),
-                            min(max(column - looks * dc, 0), columns - 1),
-                        )
-                        ahead = (
-                            min(max(r + looks * dr, 0), rows - 1),
-                            min(max(c + looks * dc, 0), columns - 1),
-                        )
-                        kind = RISES if steep[ahead] - steep[behind] > steeper else LEADS
                     break
                 if beyond != surface:
                     sides[count_sides] = (surface * count + beyond) * KIND_COUNT + kind
@@ -432,7 +322,7 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
 
 def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     """Large objects over the terrain on a floor, seen in its cells as they are."""
-    surfaces = find_surfaces(floor.heights(), floor.cell, rules)
+    surfaces = find_surfaces(floor.lowest, floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)

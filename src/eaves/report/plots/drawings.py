@@ -18,12 +18,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from eaves.evaluate.detection_scores import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE, UNKNOWN
 from eaves.formats import read_polygons, read_raster
 from eaves.formats.models.meshes import SURFACES
 from eaves.model import Integers, Mask, Points, Raster, Values
-from eaves.raster.grid import cell_centres
-from eaves.raster.rasterize import rasterize
+from eaves.raster.agreement import (
+    FALSE_NEGATIVE,
+    FALSE_POSITIVE,
+    TRUE_POSITIVE,
+    UNKNOWN,
+    agreement_codes,
+)
+from eaves.raster.grid import cell_centres, rasterize
 from eaves.report.contents import Contents, finest_faces, local_rings, read_contents
 
 SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315.0, 45.0
@@ -156,8 +161,7 @@ def agreement(folder: Path, reference: Path) -> Raster:
         return Raster(codes, labels.west, labels.north, labels.cell)
     mask, system = read_raster(folder / "mask.tif")
     true = rasterize(read_polygons(reference, target=system)[0], mask.bounds, mask.cell).values > 0
-    drawn = mask.values > 0
-    values = np.select([drawn & true, true, drawn], [TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE], 0)
+    values = agreement_codes(mask.values > 0, true)
     return Raster(values.astype(np.float32), mask.west, mask.north, mask.cell)
 
 

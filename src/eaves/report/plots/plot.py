@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eaves.formats.errors import require_extra
+from eaves.formats.errors import require_plots
 
 if TYPE_CHECKING:
     pass
@@ -53,7 +53,7 @@ def plot_run(
     InputError
         When matplotlib is not installed.
     """
-    require_extra("plots")
+    require_plots()
     if what not in PICTURES:
         raise ValueError(f"'{what}' is no picture; choose one of: {', '.join(PICTURES)}")
     target = Path(path) if path else Path(folder) / f"{what}.png"

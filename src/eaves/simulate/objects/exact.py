@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon
 from shapely.affinity import affine_transform, translate
 
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry import COORDINATE_STEP
 from eaves.model import BuildingModel, Footprint, Integers, Labels, PointCloud, RoofPlane, Solid, Values
-from eaves.solids.coverage import coverage_of
-from eaves.solids.extrude import close_cells, drop_straight_nodes, split_crossings
-from eaves.solids.soundness import find_defect
+from eaves.solids import close_cells, coverage_of, drop_straight_nodes, find_defect, split_crossings
 
 Plane = tuple[float, float, float]
 """Coefficients (a, b, c) of z = a·x + b·y + c."""
@@ -342,7 +340,7 @@ class ExactScene:
 
     def placed(self, crs: str) -> ExactScene:
         """The scene, placed in a projected system (EPSG code, or a file with WKT or PROJJSON)."""
-        from eaves.formats.crs import parse_crs, system_of
+        from eaves.formats import parse_crs, system_of
 
         system = system_of(parse_crs(crs), "--crs", self.cloud.origin)
         return replace(self, cloud=self.cloud.with_(system=system))

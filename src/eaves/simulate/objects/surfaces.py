@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.face_table import FaceTable
+from eaves.geometry import FaceTable
 from eaves.model import (
     BUILDING,
     GROUND_SURFACE,

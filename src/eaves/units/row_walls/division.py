@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
 from eaves.geometry.inside import edges_of, points_in_polygons
-from eaves.geometry.pieces import borders_of, joined_pieces
+from eaves.geometry.pieces import joined_pieces, owned_by_neighbours
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import Method, parameter
 from eaves.outline.toolkit.shared_edges import welded_outlines
@@ -129,15 +129,7 @@ def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int
         area = CELL_M**2 * votes[k].max(initial=0)
         if wide[k] and area > max(0.25 * pieces[k].area, 0.5):
             owner[k] = int(np.argmax(votes[k]))
-    changed = True
-    while changed:
-        changed = False
-        for k in np.flatnonzero(np.array(owner) < 0).tolist():
-            border = borders_of(k, pieces, owner, count)
-            if border.max(initial=0.0) > 0.0:
-                owner[k] = int(np.argmax(border))
-                changed = True
-    return owner
+    return owned_by_neighbours(pieces, owner, count)
 
 
 NARROW_M = 1.0

@@ -1,1 +1,0 @@
-"""Kept runs: updated with new points, rebuilt after edits, learned from."""

@@ -1,0 +1,6 @@
+from .consensus.parts import VehicleRules as VehicleRules
+from .consensus.parts import find_vehicles as find_vehicles
+from .stage import MIN_HEIGHT_M as MIN_HEIGHT_M
+from .stage import Detector as Detector
+from .stage import detect_buildings as detect_buildings
+from .toolkit.cells import Cells as Cells

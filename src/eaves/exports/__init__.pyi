@@ -1,0 +1,11 @@
+from .citygml import write_citygml as write_citygml
+from .citygml import write_citygml3 as write_citygml3
+from .copc import write_copc as write_copc
+from .dxf import write_dxf as write_dxf
+from .glb import write_glb as write_glb
+from .ifc import write_ifc as write_ifc
+from .lod_layers import write_lod_layers as write_lod_layers
+from .obj import write_obj as write_obj
+from .run import export_run as export_run
+from .run import write_contours as write_contours
+from .tiles3d import write_3dtiles as write_3dtiles

@@ -1,0 +1,1 @@
+from .party_walls import PARTY_GAP as PARTY_GAP

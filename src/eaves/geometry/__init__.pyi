@@ -1,0 +1,17 @@
+from .components import connected_groups_kernel as connected_groups_kernel
+from .components import members as members
+from .face_table import FaceTable as FaceTable
+from .inside import edges_of as edges_of
+from .inside import points_in_polygons as points_in_polygons
+from .neighbours import measure_spacing as measure_spacing
+from .neighbours import nearest as nearest
+from .overlaps import half_shared as half_shared
+from .overlaps import pair_off as pair_off
+from .planes import local_planes as local_planes
+from .rings import as_polygon as as_polygon
+from .rings import polygon_parts as polygon_parts
+from .roof_fit import RoofFaces as RoofFaces
+from .roof_fit import fit_roof as fit_roof
+from .roof_fit import highest_faces as highest_faces
+from .roof_fit import roof_point_mask as roof_point_mask
+from .tolerance import COORDINATE_STEP as COORDINATE_STEP

@@ -1,0 +1,2 @@
+from .stage import GroundMethod as GroundMethod
+from .stage import classify_ground as classify_ground

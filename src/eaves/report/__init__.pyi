@@ -1,0 +1,14 @@
+from .contents import BUILDINGS_SHOWN as BUILDINGS_SHOWN
+from .contents import POINTS_SHOWN as POINTS_SHOWN
+from .contents import TERRAIN_CELLS as TERRAIN_CELLS
+from .contents import Contents as Contents
+from .contents import read_contents as read_contents
+from .page_file import MILLIMETRES as MILLIMETRES
+from .page_file import as_millimetres as as_millimetres
+from .page_file import iter_arrays as iter_arrays
+from .page_file import iter_page as iter_page
+from .page_file import page_data as page_data
+from .page_file import say_shown as say_shown
+from .page_file import terrain_array as terrain_array
+from .plots.plot import plot_run as plot_run
+from .site import write_site as write_site

@@ -1,0 +1,5 @@
+"""Kept runs: updated with new points, rebuilt after edits, learned from."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
