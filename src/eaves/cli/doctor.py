@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from eaves.extensions import CHECKS, imported, installed
+from eaves.extensions import CHECKS, COMMANDS, FORMATS, SOURCES, imported, installed
 from eaves.kernels import compiled_pieces, library
 from eaves.run.memory import physical_memory
 
@@ -46,6 +46,8 @@ def describe_installation() -> Iterator[str]:
     remedy = "" if grids else "; heights above the ellipsoid need them: pyproj sync"
     yield f"PROJ {pyproj.proj_version_str}, {len(grids)} grids{remedy}"
     yield f"{os.cpu_count()} cores, {physical_memory() / 1e9:.1f} GB of memory"
+    for what, group in {"commands": COMMANDS, "formats": FORMATS, "published systems": SOURCES}.items():
+        yield f"{what} of packages: {', '.join(installed(group)) or 'NONE; install eaves again'}"
     yield f"compiled with the package: {len(library())} calls of kernels; the rest when it is first called"
     yield f"compiled code is kept in {cache_folder()}"
 
