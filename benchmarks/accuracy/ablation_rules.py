@@ -119,6 +119,7 @@ TIN = "ground.adaptive_tin.method:"
 SEEDS = "ground.toolkit.seeds:"
 GROUND = (
     of("ground", "wide objects", 5, {f"{TIN}AdaptiveTin.find_wide_objects": lambda *_: None}),
+    of("ground", "pits", 4, {"ground.toolkit.floor:without_pits": lambda heights, _: heights}),
     of("ground", "rims that go up", 1, {"ground.up_weight": 0.0}),
     of("ground", "rims to void", 1, {"ground.void_weight": 0.0}),
     of("ground", "rims level", 1, {"ground.level_weight": 0.0}),

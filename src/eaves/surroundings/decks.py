@@ -99,7 +99,7 @@ def look_around(
     from there, and in which of them (H, W) something stands over the terrain (`raised`)."""
     floor = floor.in_wide_cells()
     count = floor.count.astype(np.float32)
-    window = Decks(floor.west, floor.north, floor.cell, floor.lowest, count)
+    window = Decks(floor.west, floor.north, floor.cell, floor.heights(), count)
     window = window.cropped(bounds.buffered(4.0 * rules.widest))
     return window, raised_in(window, raised)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import TABLE_CELLS, measure_spacing
+from eaves.ground.toolkit.floor import RING, empty_around, level_around, ring_of
 from eaves.ground.toolkit.seeds import Opening, lowest_surface, terrain_of
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Integers, Mask, PointCloud, Points, Values
@@ -24,9 +25,6 @@ DEPTH_M, REACH_SPACINGS = 0.3, 2.0
 times the square of their width: so far curved terrain leaves a plane. Points within two spacings in plan, a
 dozen, cover those under them. As wide are the cells, each with a point, whose opening finds the terrain that
 echoes lie under, or `SIDE_M`."""
-RING, RING_SHARE = (3, 4), 6
-"""A cell is compared with those 3 and 4 cells away, for a cluster of echoes meets three in a row. The
-surface is as low as a sixth of them: roofs and crowns may fill the rest, other echoes not so much."""
 CELL_M = 10.0
 """Side of the cells whose highest points are compared: 10 m, or ten spacings (about a hundred points) in thin
 data. A high group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
@@ -111,46 +109,6 @@ def cells_of(bounds: Bounds, side: float, shift: float) -> tuple[Values, float, 
     west, south = (np.floor(low / side + shift) - shift for low in (bounds.west, bounds.south))
     rows, columns = int(bounds.north / side - south) + 1, int(bounds.east / side - west) + 1
     return np.array([west, south]) * side, side, rows, columns
-
-
-def ring_of(least: int, most: int) -> Integers:
-    """Rows and columns (K, 2) of the cells that lie `least` to `most` cells away."""
-    row, column = np.indices((2 * most + 1, 2 * most + 1)).reshape(2, -1) - most
-    away = np.hypot(row, column)
-    return np.column_stack([row, column])[(away >= least) & (away < most + 0.5)]
-
-
-@kernel
-def level_around(lowest: Values, cell: int, steps: Integers, depth: float, around: Values) -> float:
-    """The level that the surface around a cell (of those in a row) has there; -inf where that is no more than
-    `depth` (m) over its lowest point, or unknown.
-
-    A slope goes on: a cell of the ring, `steps` (K,) of cells away, counts as high as the surface is halfway
-    to the cell across, but no higher than where what falls from it to the cell twice as far leads back to. A
-    plane is met as it is. `around` (K,) is written to.
-    """
-    count, as_low, least = 0, 0, lowest[cell] + depth
-    for k in range(len(steps)):
-        z = lowest[cell + steps[k]]
-        if z == np.inf:
-            continue
-        beyond, across = lowest[cell + 2 * steps[k]], lowest[cell - steps[k]]
-        z += max(0.0, min(z - beyond, 0.5 * (across - z)))
-        around[count] = z
-        count += 1
-        as_low += z <= least
-        if as_low > len(steps) // RING_SHARE:
-            return -np.inf
-    if count == 0:
-        return -np.inf
-    level = float(np.sort(around[:count])[count // RING_SHARE])
-    return level if level > least else -np.inf
-
-
-@kernel
-def empty_around(rows: int, columns: int, away: int) -> Values:
-    """Heights of cells (rows + 2 away, columns + 2 away), inf everywhere: cells, and none as far around."""
-    return np.full((rows + 2 * away, columns + 2 * away), np.inf)
 
 
 @inlined_kernel

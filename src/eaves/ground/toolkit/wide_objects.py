@@ -322,7 +322,7 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
 
 def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     """Large objects over the terrain on a floor, seen in its cells as they are."""
-    surfaces = find_surfaces(floor.lowest, floor.cell, rules)
+    surfaces = find_surfaces(floor.heights(), floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
