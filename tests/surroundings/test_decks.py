@@ -11,7 +11,8 @@ import pytest
 from tests.conftest import build_in_blocks, write_laz
 
 import eaves
-from eaves.model import Grid, Mask
+from eaves.model import BRIDGE_DECK, GROUND, Grid, Mask
+from eaves.simulate import scan_town, simulate_town, write_simulation
 from eaves.surroundings.decks import find_decks
 
 CELL = 1.5
@@ -119,3 +120,19 @@ def test_without_classes_of_their_own_decks_stay_what_they_were(survey: Path, tm
     eaves.build(survey, tmp_path, recipe)
     classes = np.asarray(laspy.read(tmp_path / "classified.laz").classification)
     assert set(np.unique(classes)) <= {1, 2, 6, 7, 18}
+
+
+def test_echoes_that_came_late_make_no_deck_of_the_ground_over_them(tmp_path: Path) -> None:
+    """Clusters of up to 20 points, .2 to 5 m and more under the ground: .5 % of a drawn town."""
+    scene = scan_town(simulate_town(0.015, seed=7), 8.0, 0.03, seed=7)
+    las = laspy.read(write_simulation(scene, tmp_path / "in")["points"])
+    xyz, rng = np.column_stack([las.x, las.y, las.z]), np.random.default_rng(5)
+    ground, late = xyz[np.asarray(las.classification) == GROUND], np.zeros((0, 3))
+    while len(late) < 0.005 * len(xyz):
+        size, depth = int(rng.integers(1, 21)), 0.2 + rng.gamma(1.6, 1.0)
+        off = np.column_stack([rng.uniform(-1.0, 1.0, (size, 2)), -depth - rng.uniform(0.0, 0.4, size)])
+        late = np.vstack([late, ground[rng.integers(len(ground))] + off])
+    points = np.vstack([xyz, late])
+    eaves.build(points, tmp_path / "out", outputs=("classified",), jobs=1, crs="metres")
+    classes = np.asarray(laspy.read(tmp_path / "out" / "classified.laz").classification)
+    assert len(classes) == len(points) and not (classes == BRIDGE_DECK).any()
