@@ -22,7 +22,7 @@ from eaves.flow.step import GivenFootprints, Region, TileRecord, ensure, squares
 from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.index import Index
-from eaves.run.keys import EVERYTHING, code_digest, code_of_methods, key_of
+from eaves.run.keys import code_digest, key_of
 from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
@@ -172,10 +172,14 @@ def finish_area(region: Region, area: Area, plans: Sequence[OwnedBuildings]) -> 
     evict(region)
 
 
+VISITING = ("pipeline.py", "flow/region.py", "flow/step.py", "flow/tiles.py")
+"""The code that takes a tile through its steps."""
+
+
 def key_of_tile(region: Region, tile: Block, read: Sequence[Bounds]) -> str:
     """The key of all that the buildings of a tile follow from, of the inputs those near what was read."""
     run = region.run
-    code = [code_digest(EVERYTHING), *code_of_methods(run.recipe)]
+    code = [code_digest(VISITING), *(step.key(run) for step in STEPS)]
     plan = {name: value for name, value in run.plan.items() if name not in INPUT_FACTS}
     starts = run.index.starts
     inputs = [
