@@ -24,14 +24,16 @@ import laspy
 import numpy as np
 from scipy import ndimage
 
+from benchmarks.accuracy.late_echoes import SEEDS, Scan, read_scan
 from benchmarks.accuracy.smrf import ground_by_smrf
 from benchmarks.table import keep
+from eaves import build, make_recipe
 from eaves.evaluate.ground_scores import evaluate_ground
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.doubts import doubts_within
-from eaves.model import GROUND, Mask, PointCloud, Points
+from eaves.model import GROUND, NOISE_CLASSES, Mask, PointCloud, Points
 from eaves.published.ren_fcs.ground import ContourGround
 from eaves.published.xiao2014.smooth_region import SmoothRegion
 from eaves.raster.grid import cell_centres, whole_cells
@@ -345,6 +347,20 @@ def judge_left_out(data: Path) -> None:
     keep("ground-left-out", "Ground: leave-one-out choice", rows, f"{COMMAND} --left-out", note)
 
 
+def late_error(scan: Scan, method: AdaptiveTin | None) -> float:
+    """Total error in per cent of a scan's own points as a build classifies them, late echoes among them."""
+    late = scan.with_echoes(SEEDS[0])
+    if method is None:
+        ground = by_smrf(late.cloud()).ground
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            recipe = make_recipe({"ground": method}, lod="0")
+            build(late.xyz, folder, recipe, outputs=("classified",), jobs=1, crs="EPSG:28992")
+            ground = np.asarray(laspy.read(Path(folder) / "classified.laz").classification) == GROUND
+    own = ~np.isin(scan.classes, (*NOISE_CLASSES, 9, 26))
+    return 100.0 * float((ground[: len(own)] != (scan.classes == GROUND))[own].mean())
+
+
 def judge_rules(data: Path) -> None:
     """Errors of everything with each rule of the ground switched off."""
     from benchmarks.accuracy.ablation import target_of
@@ -356,6 +372,7 @@ def judge_rules(data: Path) -> None:
     crops = {name: read_las(data / "ahn3_ground" / f"{name}_manually_classified.las") for name in CROPS}
     delft, towns = read_las(data / "delft" / "ahn3.laz"), list(draw_all(UNSEEN[:RULES_TOWNS]))
     kinds = [scan(kind, density, RULES_SEED) for kind, density in product(KINDS, DENSITIES)]
+    echoes = read_scan(data / "delft" / "ahn3.laz", "delft")
     rows: list[dict[str, object]] = []
     for label, off in [("none", {}), (SMRF, {}), *((rule.name, rule.off) for rule in RULES)]:
         moved = {name.split(".")[1]: value for name, value in off.items() if ":" not in name}
@@ -376,6 +393,9 @@ def judge_rules(data: Path) -> None:
                         f"{name} %": total_error(one, find(one.cloud).ground, (9, 26))
                         for name, one in {**crops, "Delft": delft}.items()
                     },
+                    "Delft, late echoes %": late_error(
+                        echoes, None if label == SMRF else AdaptiveTin(**moved)
+                    ),
                     **{
                         f"towns: {key}": float(np.mean([float(str(row[key])) for row in drawn]))
                         for key in ("total error %", "levels kept", "halls found")
@@ -386,7 +406,8 @@ def judge_rules(data: Path) -> None:
             )
     note = (
         f"Total errors with one rule switched off; ISPRS: mean of {LEFT_OUT_PLACES} places; without water "
-        "and bridges; drawn old towns of seeds that had no say, and the squares of `ground_kinds`."
+        "and bridges; late echoes: as a whole run classifies them, bridges looked for; drawn old towns of "
+        "seeds that had no say, and the squares of `ground_kinds`."
     )
     keep("ground-rules", "Ground: each rule switched off", rows, f"{COMMAND} --rules", note)
 
