@@ -40,7 +40,7 @@ from eaves.simulate.objects.exact import ExactScene
 from eaves.units import divide_block
 from eaves.units.row_walls import division, evidence
 from eaves.units.row_walls.division import RowUnits, border_odds, borders_between, label_unit_cells
-from eaves.units.row_walls.evidence import WEIGHTS, Roofs, traits_of, wall_signs
+from eaves.units.row_walls.evidence import SHAPE_SIGNS, WEIGHTS, Roofs, traits_of, wall_signs
 from eaves.units.row_walls.method import WEIGHTS as SEVERAL
 from eaves.units.row_walls.method import RowWalls, directions_of, odds_of_several, traits_of_block
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan, rows_of
@@ -50,9 +50,6 @@ DENSITY, SPARSE, NOISE = 10.0, 3.0, 0.03
 PLACEMENTS_M = ((0.0, 0.0), (0.13, 0.29), (0.31, 0.17), (0.43, 0.47), (0.22, 0.08), (0.07, 0.37))
 """The towns are moved by so much and detected again: what parts of a cell decide is noise, and is learned as
 such; Delft's rows are means over them."""
-DRAWN_SIGNS = 4
-"""Traits that drawn towns have; of fire walls and reflectance they know nothing
-(`python -m benchmarks.accuracy.walls`)."""
 LEAST_HOUSE_M2 = 25.0
 """Smaller true buildings are sheds and do not make a block several."""
 DRAWN = (
@@ -171,12 +168,12 @@ def asked(blocks: Sequence[Detected], scene: ExactScene) -> Iterator[tuple[Detec
 
 def samples(blocks: Sequence[Detected], scene: ExactScene) -> tuple[NDArray[np.float64], Mask]:
     """Traits (N, K) and truth (N,) of all steps of all rows."""
-    traits, walls = [np.zeros((0, DRAWN_SIGNS))], [np.zeros(0, bool)]
+    traits, walls = [np.zeros((0, SHAPE_SIGNS))], [np.zeros(0, bool)]
     for block, tree in asked(blocks, scene):
         _, rows, roofs = divided(block)
         for row in rows:
             wall, counts = true_walls(row, tree)
-            traits.append(traits_of(wall_signs(row, block.points, roofs.noise))[counts, :DRAWN_SIGNS])
+            traits.append(traits_of(wall_signs(row, block.points, roofs.noise))[counts, :SHAPE_SIGNS])
             walls.append(wall[counts])
     return np.concatenate(traits), np.concatenate(walls)
 
@@ -191,10 +188,13 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
     borders: Sure = []
     for block, tree in asked(blocks, scene):
         plan, rows, roofs = divided(block)
-        odds = [roofs.wall_odds(row) for row in rows]
-        found = [method.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
-        if not found or odds_of_several(found, odds, len(block.points), block.outline.area) < 0.0:
+        if not rows:
             continue
+        odds, shapes = zip(*(roofs.wall_odds(row) for row in rows), strict=True)
+        by_shape = list(map(method.walls_of, rows, shapes))
+        if odds_of_several(by_shape, shapes, len(block.points), block.outline.area) < 0.0:
+            continue
+        found = list(map(method.walls_of, rows, odds))
         for units in found:
             walls += walls_in_row(units, tree)
         label = np.zeros(plan.main.shape, np.int32)
@@ -294,7 +294,7 @@ def block_traits(block: Detected) -> NDArray[np.float64] | None:
     """The traits (5,) that tell one building from several, None for a block in which no wall is found."""
     method = RowWalls()
     _, rows, roofs = divided(block)
-    odds = [roofs.wall_odds(row) for row in rows]
+    odds = [roofs.wall_odds(row)[1] for row in rows]
     found = [method.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
     if not any(len(units.walls) for units in found):
         return None
@@ -388,7 +388,7 @@ def main() -> None:
         as_markdown(
             [
                 {"sign": sign, "in use": used, **{c: round(float(weights[c][k]), 2) for c in choices}}
-                for k, (sign, used) in enumerate(list(WEIGHTS.items())[:DRAWN_SIGNS])
+                for k, (sign, used) in enumerate(list(WEIGHTS.items())[:SHAPE_SIGNS])
             ]
         )
     )

@@ -22,7 +22,6 @@ from scipy.stats import rankdata
 from shapely import LineString, Polygon, STRtree
 
 from benchmarks.accuracy.unit_weights import (
-    DRAWN_SIGNS,
     PLACEMENTS_M,
     Detected,
     divided_all,
@@ -34,7 +33,7 @@ from eaves.formats import read
 from eaves.geometry.rings import polygon_parts
 from eaves.model import Mask, Values
 from eaves.units.row_walls import evidence
-from eaves.units.row_walls.evidence import CELL_M, Roofs, traits_of, wall_signs
+from eaves.units.row_walls.evidence import CELL_M, SHAPE_SIGNS, Roofs, traits_of, wall_signs
 from eaves.units.row_walls.rows import HouseRow
 
 TOWNS = {"delft": ("ahn3.laz", "footprints.gpkg", 6), "rows": ("points.laz", "map.gpkg", 2)}
@@ -150,12 +149,12 @@ def learned(samples: Sequence[tuple[Values, Mask]], drawn: Values) -> Values:
     sign = np.where(truth, -1.0, 1.0)
     for _ in range(TURNS):
         best = traits[np.arange(len(truth)), (traits @ weights).argmax(axis=1)]
-        known, free = best[:, :DRAWN_SIGNS] @ drawn[:DRAWN_SIGNS], best[:, DRAWN_SIGNS:]
+        known, free = best[:, :SHAPE_SIGNS] @ drawn[:SHAPE_SIGNS], best[:, SHAPE_SIGNS:]
 
         def loss(own: Values, known: Values = known, free: Values = free) -> float:
             return float(np.logaddexp(0.0, sign * (known + free @ own)).sum() + RIDGE * (own**2).sum())
 
-        weights[DRAWN_SIGNS:] = minimize(loss, weights[DRAWN_SIGNS:]).x
+        weights[SHAPE_SIGNS:] = minimize(loss, weights[SHAPE_SIGNS:]).x
     return weights
 
 
@@ -177,7 +176,7 @@ def town_rows(
         blocks = [[replace(one, intensity=None) if dark else one for one in some] for some in town.placed]
         found = [map_row(town.name, divided_all(some), town.houses) for some in blocks]
         row: dict[str, object] = {"data": town.name, "weights": name}
-        row |= dict(zip(("rise", "contrast"), np.round(weight[DRAWN_SIGNS:], 2).tolist(), strict=True))
+        row |= dict(zip(("rise", "contrast"), np.round(weight[SHAPE_SIGNS:], 2).tolist(), strict=True))
         row["AUC"] = round(area_under((traits @ weight).max(axis=1), truth), 3)
         for measure in ("found", "F1 at .5", "F1 at .7"):
             values = [float(str(line[measure])) for line in found]
@@ -193,7 +192,7 @@ def main() -> None:
     towns = {name: Town.of(parser.parse_args().data, name) for name in TOWNS}
     samples = {name: lines_of(town) for name, town in towns.items()}
     drawn = np.array(list(evidence.WEIGHTS.values()))
-    signs = np.where(np.arange(len(drawn)) < DRAWN_SIGNS, drawn, 0.0)
+    signs = np.where(np.arange(len(drawn)) < SHAPE_SIGNS, drawn, 0.0)
     every = learned(list(samples.values()), drawn)
     print("in use", dict(evidence.WEIGHTS), "learned on both", np.round(every, 2))
     rows = []

@@ -109,6 +109,15 @@ def test_a_large_hall_of_one_gable_stays_whole() -> None:
     assert len(divide_block(points, points[:, 2], box(0, 0, 60, 25), 0.3).parts) == 1
 
 
+@pytest.mark.parametrize("depth", [15.0, 24.0])
+def test_a_hall_with_plant_over_every_bay_stays_whole(depth: float) -> None:
+    rng, length = np.random.default_rng(4), 8 * HOUSE
+    x, y = (rng.uniform(0, side, round(10 * length * depth)) for side in (length, depth))
+    plant = (np.abs(x - np.round(x / HOUSE) * HOUSE) < 0.4) & (np.mod(y, 6.0) < 2.0)
+    z = 8.0 + np.where(plant, 0.6, 0.0) + rng.normal(0, 0.03, len(x))
+    assert len(divide_block(np.column_stack([x, y, z]), z, box(0, 0, length, depth), 0.3).parts) == 1
+
+
 def test_an_annex_belongs_to_the_house_it_stands_behind() -> None:
     points = scanned_row([0.0, 1.0, 0.0])
     rng = np.random.default_rng(3)

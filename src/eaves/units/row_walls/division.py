@@ -249,7 +249,7 @@ def border_odds(plan: Plan, places: NDArray[np.float64], roofs: Roofs) -> float:
     row = HouseRow(
         centre - WINDOW_M * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
     )
-    odds = roofs.wall_odds(row)
+    odds, _ = roofs.wall_odds(row)
     return float(odds[steps // 2 - 2 : steps // 2 + 3].max())
 
 

@@ -85,9 +85,11 @@ class Roofs:
             return cls(points, roof_noise(points))
         return cls(points, roof_noise(points), np.log(np.maximum(intensity, 1.0)))
 
-    def wall_odds(self, row: HouseRow) -> Values:
-        """Log-odds (S + 1,) of a party wall at each step along a row."""
-        return wall_odds(wall_signs(row, self.points, self.noise, self.reflectance))
+    def wall_odds(self, row: HouseRow) -> tuple[Values, Values]:
+        """Log-odds (S + 1,) of a party wall at each step along a row, and those by signs of shape alone."""
+        traits = traits_of(wall_signs(row, self.points, self.noise, self.reflectance))
+        weights = np.array(list(WEIGHTS.values()))
+        return traits @ weights, traits[:, :SHAPE_SIGNS] @ weights[:SHAPE_SIGNS]
 
 
 def roof_noise(points: Points) -> float:
@@ -149,10 +151,9 @@ WEIGHTS = {
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights` on drawn
 towns, those of rise and contrast upon them by `python -m benchmarks.accuracy.walls` on two real ones."""
 
-
-def wall_odds(signs: Values) -> Values:
-    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 5), by logistic regression."""
-    return np.asarray(traits_of(signs) @ np.array(list(WEIGHTS.values())))
+SHAPE_SIGNS = 4
+"""The first weights: of the shape of two roofs, by which a block is judged as a whole (`odds_of_several`); a
+palace has towers and plant that rise over its roofs, too."""
 
 
 def traits_of(signs: Values) -> Values:

@@ -119,11 +119,12 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         if not rows:
             return undivided
         roofs = Roofs.of(points, intensity)
-        odds = [roofs.wall_odds(row) for row in rows]
-        units = [self.walls_of(row, row_odds) for row, row_odds in zip(rows, odds, strict=True)]
+        odds, shapes = zip(*(roofs.wall_odds(row) for row in rows), strict=True)
         emit("rows", rows)
-        if odds_of_several(units, odds, len(points), outline.area) < SURE:  # a house of wings stays one
+        by_shape = list(map(self.walls_of, rows, shapes))
+        if odds_of_several(by_shape, shapes, len(points), outline.area) < SURE:  # a house of wings stays one
             return undivided
+        units = list(map(self.walls_of, rows, odds))
         label = np.zeros(plan.main.shape, np.int32)
         label_unit_cells(plan, label, units, 1)
         label, walls = merged_units(plan, label, units, roofs, self)
@@ -212,7 +213,7 @@ LEAST_ODDS, MOST_ODDS = -2.0, 4.0
 
 def odds_of_several(rows: Sequence[RowUnits], odds: Sequence[Values], points: int, area: float) -> float:
     """Log-odds that a block of `area` (m²) with that many points is several buildings, from its divided rows
-    and the log-odds (S + 1,) of a wall at each step of each row.
+    and the log-odds (S + 1,) of a wall at each step of each row, both by the signs of shape alone.
 
     A single wall proves nothing: every wing has one. That walls repeat, how strong the second is, how dense
     the scan, and whether the row is as shallow as houses are, decide.
