@@ -147,7 +147,7 @@ GROUND = (
     of("ground", "looks", 1, {"ground.looks": 1}),
     of("ground", "angle by spacing", 1, {"ground.angle_share": 0.0}),
     of("ground", "slant", 0, {f"{TIN}near_surface": lambda *given: near_surface(*given[:4], 0.0)}),
-    of("ground", "tolerance by roughness", 2, {"ground.tolerance_gain": 0.0, "ground.tolerance_least": 0.2}),
+    of("ground", "tolerance by roughness", 2, {"ground.tolerance_least": 0.2, "ground.tolerance_most": 0.2}),
     of("ground", "rounds", 1, {"ground.rounds": 10**6}),
     of("ground", "distance", 1, {"ground.distance_share": NEVER}),
 )

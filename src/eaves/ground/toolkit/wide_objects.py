@@ -30,7 +30,7 @@ beneath a raised surface is drawn from that as near; cells of none within twice 
 class PlateauRules(Method):
     """When a surface stands over the terrain, and how far off it points of it lie."""
 
-    tolerance_gain: float = parameter(7.0, "Tolerance of a surface, in roughnesses.", symbol="t/ρ", ge=0)
+    tolerance_gain: float = parameter(7.0, "Tolerance of a surface, in roughnesses.", symbol="t/ρ", gt=0)
     tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
     tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
     wall: float = parameter(
