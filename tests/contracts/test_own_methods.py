@@ -380,6 +380,15 @@ def test_a_package_that_cannot_be_imported_is_listed_with_the_reason(package: Pa
     assert "consensus (default)" in done.stdout
 
 
+def test_a_command_that_cannot_be_imported_is_listed_with_the_reason(package: Path, tmp_path: Path) -> None:
+    with (tmp_path / "site" / "my_detector-0.1.0.dist-info" / "entry_points.txt").open("a") as points:
+        points.write("\n[eaves.commands]\nsurvey = no_such_module:survey\n")
+    listed, asked = run("--help"), run("survey", tmp_path)
+    assert listed.returncode == 0 and "validate" in listed.stdout
+    assert "survey" in listed.stdout and "cannot be imported" in " ".join(listed.stdout.split())
+    assert asked.returncode == 2 and "ModuleNotFoundError" in asked.stderr
+
+
 def test_one_line_of_a_foreign_package_runs_its_step_and_those_that_follow_again(
     package: Path, one_roof_file: Path, tmp_path: Path
 ) -> None:

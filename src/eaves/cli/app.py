@@ -70,15 +70,25 @@ COMMANDS = {
 """Command of the core → its module; only those asked for are imported. Installed packages bring others."""
 
 
-def command_of(name: str, place: str) -> Callable[..., None]:
-    """The function of a command."""
-    return cast(Callable[..., None], imported(place if ":" in place else f"{place}:{name}"))
+def command_of(name: str, place: str, listed: bool) -> Callable[..., None]:
+    """The function of a command; one that cannot be imported is `listed` with the reason."""
+
+    def broken() -> None:
+        pass
+
+    try:
+        return cast(Callable[..., None], imported(place if ":" in place else f"{place}:{name}"))
+    except ValueError as error:
+        if not listed:
+            raise
+        broken.__name__, broken.__doc__ = name, f"Not available: {str(error).partition(';')[0]}."
+        return broken
 
 
 def commands_of(asked: str = "") -> list[Callable[..., None]]:
     """The function of a command if there is such a one, else those of all."""
     places = COMMANDS if asked in COMMANDS else {**COMMANDS, **installed(extensions.COMMANDS)}
-    return [command_of(*one) for one in places.items() if asked in ("", one[0])]
+    return [command_of(name, place, not asked) for name, place in places.items() if asked in ("", name)]
 
 
 def make_app(commands: Sequence[Callable[..., None]] = ()) -> typer.Typer:
