@@ -112,7 +112,7 @@ def cut(path: Path) -> None:
     ("what", "damage"),
     [
         ("points/*/*.bin", cut),
-        ("parts/*.json", cut),
+        ("parts/*.part", cut),
         ("regions/*.part", lambda path: path.write_bytes(b"")),
         ("buildings/*.part", cut),
         ("regions/*.key", cut),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import shutil
@@ -25,10 +24,11 @@ from eaves.formats.points.classified import SUPERSEDED, UNCHANGED
 from eaves.formats.whole_files import atomic
 from eaves.model import BLOCK_SIDE, BUILDING, Block, Provenance
 from eaves.run.index import Index
+from eaves.run.keys import CLASSIFIED, code_digest, key_of
 from eaves.run.keys import SUPERSEDED as SUPERSEDED_POINTS
-from eaves.run.keys import code_digest, key_of
 from eaves.run.manifest import is_changed, known_files
 from eaves.run.partition import Window, file_slices
+from eaves.run.store import Store
 
 log = logging.getLogger("eaves")
 TYPES: dict[str, Any] = {
@@ -41,8 +41,6 @@ TYPES: dict[str, Any] = {
 
 PIECE = 1_000_000
 """Values that are compared, or written, at a time."""
-KEYS = "classified.json"
-"""Beside the results that are kept: the keys of what the classified points follow from, by their names."""
 
 
 class PointSink(Protocol):
@@ -79,15 +77,15 @@ class PointColumn:
 def known_copies(folder: Path, work: Path) -> dict[str, Path]:
     """The classified points in a run's folder by the keys of what they follow from, those that are as the run
     wrote them; `work` holds the results that it kept."""
-    keys, path = known_files(folder), work / KEYS
-    keys_by_name = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    known, store = known_files(folder), Store(work)
+    paths = [folder / place.stem for place in sorted((work / CLASSIFIED).glob("*.part"))]
     return {
-        key: folder / name
-        for name, key in keys_by_name.items()
-        if name in keys
-        and (folder / name).exists()
-        and keys[name]
-        and not is_changed(folder / name, keys[name])
+        mark.read: path
+        for path in paths
+        if (mark := store.mark(CLASSIFIED, path))
+        and path.exists()
+        and known.get(path.name)
+        and not is_changed(path, known[path.name])
     }
 
 
@@ -150,9 +148,9 @@ def write_points(
             raise
     shutil.rmtree(labels)
     if run.options["keep"]:
-        with atomic(run.work_folder / KEYS) as temporary:
-            names_and_keys = {path.name: key for path, key in written.items()}
-            temporary.write_text(json.dumps(names_and_keys), encoding="utf-8")
+        kept.store.evict_others(CLASSIFIED, written)
+        for path, key in written.items():
+            kept.store.save(CLASSIFIED, path, {}, key)
     return list(written)
 
 

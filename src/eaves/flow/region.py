@@ -42,7 +42,7 @@ from eaves.recipe.recipe import Recipe
 from eaves.run.keys import NAMED, key_of
 from eaves.run.partition import (
     FileSlice,
-    PartMark,
+    PartFacts,
     Window,
     file_slices,
     find_isolated_blocks,
@@ -65,7 +65,7 @@ EARLIER = "earlier"
 
 def open_region(run: Run, workers: Workers, progress: Progress) -> Region:
     """The region of a run, with the results that an earlier run left where they are to be kept."""
-    store, parts = store_of(run), dict[str, PartMark]()
+    store, parts = store_of(run), dict[str, PartFacts]()
     if run.options["resume"]:
         store.prepare()
         store.drop_damaged()

@@ -25,7 +25,7 @@ from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.clock import Budget
 from eaves.run.keys import HOME, code_digest, code_of_methods, key_of
 from eaves.run.part_file import as_arrays, load_part
-from eaves.run.partition import PartMark
+from eaves.run.partition import PartFacts
 from eaves.run.points import load_window
 from eaves.run.store import Store
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
@@ -178,7 +178,7 @@ class Region:
     """Of the inputs, without those that could not be read."""
     unread: dict[int, str] = field(default_factory=dict)
     """Inputs that could not be read to their end, by number, with the reason."""
-    parts: dict[str, PartMark] = field(default_factory=dict)
+    parts: dict[str, PartFacts] = field(default_factory=dict)
     """The parts of inputs that were read, by name."""
     within: set[Block] | None = None
     """The blocks whose points were asked for; None for all."""

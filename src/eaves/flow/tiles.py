@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,11 @@ from eaves.flow.step import GivenFootprints, Region, TileRecord, ensure, squares
 from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.index import Index
-from eaves.run.keys import code_digest, key_of
+from eaves.run.keys import PARTS, VISITED, code_digest, key_of
 from eaves.run.part_file import as_arrays, load_part
 from eaves.run.partition import BOX_TOLERANCE
 from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
 
-VISITED = "visited"
-"""Name of what is remembered of tiles, among the results."""
 INPUT_FACTS = ("files", "inputs", "inputs_sha256", "scan")
 """What the plan says of all inputs; a tile follows from those near it."""
 
@@ -223,7 +222,7 @@ def evict(region: Region) -> None:
             store.remove_points(block)
     for name in list(region.parts):
         if not is_reached(run.index.bounds(int(name.split("-")[0]))):
-            store.part_path(name).unlink(missing_ok=True)
+            store.remove(PARTS, Path(name))
             del region.parts[name]
     region.within, region.ensured = set(), {}
 

@@ -126,6 +126,9 @@ SUPERSEDED, THINNED, SHARPENED = "superseded", "thinned", "sharpened"
 FLOORS, LARGE, DECKS = "floors", "large", "decks"
 GROUND, SIGNS, REGIONS, BUILDINGS = "ground", "signs", "regions", "buildings"
 """Names of the steps whose results are kept; `eaves.flow.steps` is their table."""
+PARTS, VISITED, CLASSIFIED = "parts", "visited", "classified"
+"""Names of what is known by keys like theirs: parts of inputs that were read, tiles that are finished, files
+of classified points."""
 NAMED, EDITED = "named", "edited"
 """Layers over the buildings found: of those that an update gave their ids and versions, and of those that
 edits are of."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import uuid
@@ -19,12 +18,12 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import Chunk, InputError, Source, iter_chunks
 from eaves.formats.inputs import refuse_change
-from eaves.formats.whole_files import atomic
 from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block, Bounds, Points
 from eaves.model.cloud import canonical_order
 from eaves.run.index import Index, open_unchanged
-from eaves.run.keys import READING, code_digest, key_of
+from eaves.run.keys import PARTS, READING, code_digest, key_of
+from eaves.run.part_file import as_arrays, load_part
 from eaves.run.store import Store
 from eaves.run.world_squares import ring
 
@@ -67,10 +66,9 @@ class FileSlice:
 
 
 @dataclass(frozen=True)
-class PartMark:
-    """The facts of a part that is in place."""
+class PartFacts:
+    """What is known of a part that is in place."""
 
-    key: str
     records: int
     """Read of it."""
     unread: str | None
@@ -118,50 +116,43 @@ def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> s
     return key_of(code, store.system, *place, *store.fields)
 
 
-def known_parts(store: Store, index: Index, side: float, window: Window) -> dict[str, PartMark]:
-    """The marks of the parts of inputs that were read, by name, and whose points are as they were left; what
+def known_parts(store: Store, index: Index, side: float, window: Window) -> dict[str, PartFacts]:
+    """The facts of the parts of inputs that were read, by name, and whose points are as they were left; what
     else lies in the folders of points is removed."""
-    numbers = {path.stem.split("-")[0] for path in (store.folder / "parts").glob("*-*.json")}
+    numbers = {path.stem.split("-")[0] for path in (store.folder / PARTS).glob("*-*.part")}
     places = sorted(int(number) for number in numbers if number.isdigit())
     parts = file_slices(index, [number for number in places if number < len(index)])
-    keys = {part.name: key_of_part(part, store, side, window) for part in parts}
-    marks = {name: mark for name, key in keys.items() if (mark := known_part(store, name, key)) is not None}
+    keys = ((part, key_of_part(part, store, side, window)) for part in parts)
+    known = {part.name: facts for part, key in keys if (facts := known_part(store, part, key)) is not None}
     for path in (store.folder / "points").glob("*/*.bin"):
-        if path.stem not in marks:
+        if path.stem not in known:
             path.unlink()
     for folder in (store.folder / "points").iterdir():
         if not any(folder.iterdir()):
             folder.rmdir()
-    for path in (store.folder / "parts").iterdir():
-        if path.stem not in marks:
-            path.unlink()
-    return marks
+    store.evict_others(PARTS, [part for part in parts if part.name in known])
+    return known
 
 
-def known_part(store: Store, name: str, key: str) -> PartMark | None:
-    """The mark of a part; None where there is none of the key, or points of it were changed."""
-    path = store.part_path(name)
-    try:
-        mark = PartMark(**json.loads(path.read_text(encoding="utf-8")))
-        files = {block: (int(size), int(checksum)) for block, (size, checksum) in mark.blocks.items()}
-    except FileNotFoundError:
+def known_part(store: Store, part: FileSlice, key: str) -> PartFacts | None:
+    """The facts of a part; None where there are none of the key, or points of it were changed."""
+    mark = store.mark(PARTS, part)
+    if mark is None or mark.read != key:
         return None
-    except (ValueError, TypeError, AttributeError, RecursionError):
-        log.warning("%s: the part is damaged; its points are read again", path)
-        return None
-    for block, (size, checksum) in files.items() if mark.key == key else ():
-        place = store.folder / "points" / block / f"{name}.bin"
+    facts: PartFacts = load_part(store.path(PARTS, part))
+    for block, (size, checksum) in facts.blocks.items():
+        place = store.folder / "points" / block / f"{part.name}.bin"
         if place.exists() and (place.stat().st_size != size or crc32(place.read_bytes()) != checksum):
             log.warning("%s: the part is damaged; its points are read again", place)
             return None
-    return mark if mark.key == key else None
+    return facts
 
 
-def keys_of_points(marks: Mapping[str, PartMark]) -> dict[str, str]:
-    """The key of the points of each block, by its name, as the marks of parts say, by their names."""
+def keys_of_points(parts: Mapping[str, PartFacts]) -> dict[str, str]:
+    """The key of the points of each block, by its name, of the parts by their names."""
     files: dict[str, list[Any]] = {}
-    for name in sorted(marks):
-        for block, file in marks[name].blocks.items():
+    for name in sorted(parts):
+        for block, file in parts[name].blocks.items():
             files.setdefault(block, []).append([name, file])
     return {block: key_of(entries) for block, entries in files.items()}
 
@@ -173,8 +164,8 @@ def partition_slice(
     window: Window,
     copied: bool = False,
     progress: Callable[[int], None] = lambda points: None,
-) -> tuple[PartMark, Bounds | None]:
-    """Write every usable point of a part to its block's folder; the mark in `parts/` comes last.
+) -> tuple[PartFacts, Bounds | None]:
+    """Write every usable point of a part to its block's folder; its facts, with their mark, come last.
 
     The `task` is a part with its key (`key_of_part`), which the mark bears. Where they are `copied`, the
     records of a compressed file are kept whole as well: the classified points are written from them, for to
@@ -208,10 +199,9 @@ def partition_slice(
         raise
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = extent is not None and inside.union(extent) != inside
-    mark = PartMark(key, read, unread, written, writer.repeated)
-    with atomic(store.part_path(part.name)) as temporary:
-        temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
-    return mark, extent if lies else None
+    facts = PartFacts(read, unread, written, writer.repeated)
+    store.save(PARTS, part, as_arrays(facts), key)
+    return facts, extent if lies else None
 
 
 def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: SliceWriter) -> None:

@@ -8,21 +8,21 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.model import Block, CoordinateSystem
-from eaves.run.keys import SHARPENED, SUPERSEDED, THINNED, Mark, key_of
+from eaves.run.keys import PARTS, SHARPENED, SUPERSEDED, THINNED, Mark, key_of
 from eaves.run.part_file import PartFile, is_whole_part, save_part
 
 log = logging.getLogger("eaves")
 
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 11
+FORM = 12
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -42,11 +42,18 @@ SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
 
+class Unit(Protocol):
+    """What a result is of: a block or another square, a part of an input, a file."""
+
+    @property
+    def name(self) -> str: ...
+
+
 @dataclass(frozen=True)
 class Store:
-    """A folder with `points/` (a folder for each block, in it a file for each part of an input), `parts/` (a
-    file for each part of an input that was read) and a folder for each step (for each unit a file and its
-    mark); during a small run also `records/` (decompressed records, a file for each part of an input)."""
+    """A folder with `points/` (a folder for each block, in it a file for each part of an input) and a folder
+    for each step and for the parts of inputs that were read (for each unit a file and its mark); during a
+    small run also `records/` (decompressed records, a file for each part of an input)."""
 
     folder: Path
     has_returns: bool = True
@@ -81,7 +88,7 @@ class Store:
             raise InputError.about(self.folder, "holds parts that another version of eaves wrote", remedy)
         if not form.exists():
             form.write_text(str(FORM))
-        for name in ("points", "parts"):
+        for name in ("points", PARTS):
             (self.folder / name).mkdir(exist_ok=True)
 
     def discard(self) -> None:
@@ -91,10 +98,6 @@ class Store:
     def points_path(self, block: Block) -> Path:
         """The folder of a block's points."""
         return self.folder / "points" / block.name
-
-    def part_path(self, name: str) -> Path:
-        """The file of the mark of a part of an input."""
-        return self.folder / "parts" / f"{name}.json"
 
     def remove_points(self, block: Block) -> None:
         """Remove the points of a block."""
@@ -173,11 +176,11 @@ class Store:
         ids = self.superseded(block)
         return [records[~np.isin(records["point_id"], ids)] for records in files] if len(ids) else files
 
-    def path(self, step: str, unit: Block) -> Path:
-        """The file of the result of a step for a block or a square."""
+    def path(self, step: str, unit: Unit) -> Path:
+        """The file of the result of a step for a unit."""
         return self.folder / step / f"{unit.name}.part"
 
-    def has(self, step: str, unit: Block) -> bool:
+    def has(self, step: str, unit: Unit) -> bool:
         """True if the result exists."""
         return os.path.exists(f"{self.folder}/{step}/{unit.name}.part")
 
@@ -190,7 +193,7 @@ class Store:
         names = [path.stem.split("_") for path in (self.folder / step).glob("*.part")]
         return sorted(Block(int(column), int(row), side) for column, row in names)
 
-    def mark(self, step: str, unit: Block) -> Mark | None:
+    def mark(self, step: str, unit: Unit) -> Mark | None:
         """The mark of a result; None where there is none that is whole."""
         path = self.path(step, unit).with_suffix(".key")
         if not (path.exists() and self.has(step, unit)):
@@ -201,12 +204,12 @@ class Store:
             return None
         return Mark(*keys)
 
-    def found(self, step: str, units: Iterable[Block]) -> list[tuple[str, str]]:
+    def found(self, step: str, units: Iterable[Unit]) -> list[tuple[str, str]]:
         """The units that have a result, each with the key of what was found."""
         marks = ((unit.name, self.mark(step, unit)) for unit in units)
         return [(name, mark.found) for name, mark in marks if mark is not None]
 
-    def reuse_if_unchanged(self, step: str, unit: Block, read: str, taken: str) -> bool:
+    def reuse_if_unchanged(self, step: str, unit: Unit, read: str, taken: str) -> bool:
         """True if the result that is there follows from the same, though read from other files; it is then
         marked as read from these, and removed otherwise."""
         mark = self.mark(step, unit)
@@ -219,7 +222,7 @@ class Store:
     def save(
         self,
         step: str,
-        unit: Block,
+        unit: Unit,
         arrays: Mapping[str, NDArray[Any]],
         read: str = "",
         taken: str = "",
@@ -234,18 +237,18 @@ class Store:
         mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, result_key)
         self._write_mark(step, unit, mark)
 
-    def _write_mark(self, step: str, unit: Block, mark: Mark) -> None:
+    def _write_mark(self, step: str, unit: Unit, mark: Mark) -> None:
         path = self.path(step, unit).with_suffix(".key")
         hidden = path.with_name(f".{path.name}-{os.getpid()}")
         hidden.write_text(" ".join(vars(mark).values()), encoding="ascii")
         os.replace(hidden, path)
 
-    def remove(self, step: str, unit: Block) -> None:
+    def remove(self, step: str, unit: Unit) -> None:
         """Remove a result with its mark."""
         for suffix in (".key", ".part"):
             self.path(step, unit).with_suffix(suffix).unlink(missing_ok=True)
 
-    def evict_others(self, step: str, units: Iterable[Block]) -> None:
+    def evict_others(self, step: str, units: Iterable[Unit]) -> None:
         """Remove the results of a step for all units but these."""
         names = {unit.name for unit in units}
         for path in (self.folder / step).glob("*.*"):

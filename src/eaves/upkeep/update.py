@@ -21,7 +21,7 @@ from eaves.buildings.building_file import (
     keep_numbers,
     numbers_of_owners,
 )
-from eaves.flow.classified_points import KEYS, known_copies
+from eaves.flow.classified_points import known_copies
 from eaves.flow.outputs import write_outputs
 from eaves.flow.refusals import EDITS, is_same_place
 from eaves.flow.region import EARLIER, drop_upkeep, end_region, ensure_points, open_region
@@ -32,7 +32,7 @@ from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model import GRID_STEP, Points
 from eaves.pipeline import compute_buildings, hold_folder
-from eaves.run.keys import BUILDINGS, EDITED, NAMED, REGIONS, SUPERSEDED
+from eaves.run.keys import BUILDINGS, CLASSIFIED, EDITED, NAMED, REGIONS, SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
 from eaves.run.store import WORK, Store
@@ -206,7 +206,7 @@ def earlier_buildings(store: Store, folder: Path) -> SavedBuildings:
     if before != aside:
         hidden = aside.with_name(f"{EARLIER}-{os.getpid()}")
         hidden.mkdir(exist_ok=True)
-        for path in [before / name for name in (REGIONS, BUILDINGS, NAMED, EDITED, NUMBERS, KEYS)]:
+        for path in [before / name for name in (REGIONS, BUILDINGS, NAMED, EDITED, NUMBERS, CLASSIFIED)]:
             if path.exists():
                 link = link_results if path.is_dir() else link_file
                 link(path, hidden / path.name)
