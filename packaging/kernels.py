@@ -1,28 +1,25 @@
 """The library of kernels, `eaves.compiled`, for the wheel of this machine's Python: needs a C compiler.
 
     python packaging/kernels.py FOLDER      make it there; `src/eaves` gives a clone its own
-    python packaging/kernels.py --run ...   a command of eaves; what it calls is added to kernels.txt
+    python packaging/kernels.py --run ...   a command of eaves; what it calls is added to the lists
 
-`kernels.txt` lists what is compiled: kernels with the sorts of arguments that runs call them with. What is
-not there runs too, compiled by numba when it is first called.
+`kernels.txt` of the package and of its satellites list what is compiled: kernels with the sorts of arguments
+that runs call them with. What is not there runs too, compiled by numba when it is first called.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 import platform
-import re
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
-LIST = Path(__file__).parent / "kernels.txt"
+from eaves.kernels import HOME, LIST, Kernel, listed_calls, named, signature, sort_of
+
 BASELINE = {"x86_64": "x86-64-v2", "AMD64": "x86-64-v2"}
 """Machine → the processor compiled for: what numpy asks for; elsewhere the plainest of its kind."""
-NUMBERS = {"float": "float64", "int": "int64", "bool": "boolean", "float32": "float32"}
-"""Sort of a number (`eaves.kernels.SCALARS`) → numba's name of it."""
 
 
 def make_library(folder: Path) -> Path:
@@ -40,49 +37,24 @@ def make_library(folder: Path) -> Path:
         module = CC("compiled")
         module.target_cpu = cpu
         module.output_dir = str(folder)
-        for call in LIST.read_text("utf-8").splitlines():
-            name, words = call[:-1].split("(", 1)
-            kernel = named(name)
-            module.export(f"{call}#{kernel.fingerprint}", tuple(map(type_of, split(words))))(kernel.py_func)
+        for call in listed_calls(*HOME.rglob(LIST.name)):
+            kernel = named(call.partition("(")[0])
+            module.export(f"{call}#{kernel.fingerprint}", signature(call))(kernel.py_func)
         module.compile()
     return folder / module.output_file
 
 
-def named(name: str) -> Any:
-    """What a module holds under a name, `module.name`."""
-    module, _, name = name.rpartition(".")
-    return getattr(importlib.import_module(module), name)
-
-
-def split(words: str) -> list[str]:
-    """The sorts of a list of them, `<f8[2C], int, (int, int)`."""
-    return re.findall(r"[^,\s(]*\([^)]*\)|[^,\s(]+", words)
-
-
-def type_of(sort: str) -> Any:
-    """The numba type of a sort that `eaves.kernels.sort_of` names."""
-    import numpy as np
-    from numba.core import types
-    from numba.np.numpy_support import from_dtype
-
-    if array := re.fullmatch(r"(\S+)\[(\d)([CFA])(r?)(u?)\]", sort):
-        dtype, dimensions, order, read_only, unaligned = array.groups()
-        return types.Array(
-            from_dtype(np.dtype(dtype)), int(dimensions), order, bool(read_only), aligned=not unaligned
-        )
-    if sort.endswith(")"):
-        kind, words = sort[:-1].split("(", 1)
-        members = [type_of(word) for word in split(words)]
-        return types.BaseTuple.from_types(members, named(kind) if kind else None)
-    return getattr(types, NUMBERS[sort])
+def list_of(call: str) -> Path:
+    """The list that a call is in: of the satellite whose kernel it is, where that has one, or of the core."""
+    place = HOME / call.split(".")[1] / LIST.name
+    return place if place.exists() else LIST
 
 
 def list_calls(words: list[str]) -> None:
-    """Run a command in this process and add the calls of kernels that it makes to the list."""
+    """Run a command in this process and add the calls of kernels that it makes to the lists."""
     from eaves.cli import app
-    from eaves.kernels import Kernel, sort_of
 
-    calls = set(LIST.read_text("utf-8").splitlines())
+    calls = set(listed_calls(*HOME.rglob(LIST.name)))
     find = Kernel.find
 
     def find_and_note(kernel: Kernel, args: tuple[Any, ...]) -> Any:
@@ -94,7 +66,9 @@ def list_calls(words: list[str]) -> None:
     try:
         app.main()
     finally:
-        LIST.write_text("\n".join(sorted(calls)) + "\n", "utf-8")
+        for path in HOME.rglob(LIST.name):
+            ours = sorted(call for call in calls if list_of(call) == path)
+            path.write_text("".join(f"{call}\n" for call in ours), "utf-8")
 
 
 if __name__ == "__main__":

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from eaves import kernels
-from eaves.kernels import Kernel, inlined_kernel, kernel, sort_of
+from eaves.kernels import LIST, Kernel, inlined_kernel, kernel, sort_of
 from eaves.pipeline import build
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
-LIST = Path(__file__).parent.parent / "packaging" / "kernels.txt"
 STEP = 2.0
 
 
@@ -74,11 +73,44 @@ def test_code_brought_along_is_used_only_for_its_own_kernel(monkeypatch: pytest.
 
 
 def test_list_names_kernels_there_are() -> None:
-    calls = LIST.read_text("utf-8").splitlines()
-    assert calls == sorted(set(calls))
-    for call in calls:
-        module, _, name = call.split("(")[0].rpartition(".")
-        assert isinstance(getattr(importlib.import_module(module), name), Kernel), call
+    for path in kernels.HOME.rglob(LIST.name):
+        calls = path.read_text("utf-8").splitlines()
+        assert calls == sorted(set(calls))
+        for call in calls:
+            kernel = kernels.named(call.partition("(")[0])
+            taken = kernel.py_func.__code__.co_argcount
+            assert isinstance(kernel, Kernel) and len(kernels.signature(call)) == taken, call
+
+
+def test_the_shares_are_all_calls_of_the_list(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[str] = []
+    for share in range(3):
+        taken: list[str] = []
+        with monkeypatch.context() as patched:
+            patched.setattr(kernels, "signature", lambda call, taken=taken: taken.append(call))
+            patched.setattr(Kernel, "dispatcher", SimpleNamespace(compile=lambda sorts: None))
+            kernels.compile_share(share, 3)
+        assert taken
+        compiled += taken
+    assert sorted(compiled) == kernels.listed_calls(LIST)
+
+
+def test_what_a_process_compiles_another_waits_for_and_finds(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(kernels.os, "cpu_count", lambda: 2)
+    started: list[list[str]] = []
+
+    def start(words: list[str]) -> SimpleNamespace:
+        started.append(words)
+        (tmp_path / f"{len(started)}.nbc").touch()
+        return SimpleNamespace(wait=lambda: 0, kill=lambda: None)
+
+    monkeypatch.setattr(kernels.subprocess, "Popen", start)
+    kernels.compile_listed()
+    kernels.compile_listed()
+    assert len(started) == 2
 
 
 def test_list_has_every_call_of_a_build(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -93,9 +125,7 @@ def test_list_has_every_call_of_a_build(monkeypatch: pytest.MonkeyPatch, tmp_pat
         monkeypatch.setattr(one, "ready", {})
     files = write_simulation(nine_roofs_on_a_slope(density=6.0, noise=0.02), tmp_path / "scene")
     build(files["points"], tmp_path / "out", jobs=1)
-    missing = {call for call in calls if call.startswith("eaves.")} - set(
-        LIST.read_text("utf-8").splitlines()
-    )
+    missing = {call for call in calls if call.startswith("eaves.")} - set(kernels.listed_calls(LIST))
     assert not missing, "add them: python packaging/kernels.py --run build …"
     assert len(calls) > 50
 
@@ -104,6 +134,8 @@ def test_the_first_use_is_said_once(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(kernels, "is_first_use", lambda: True)
+    monkeypatch.setattr(kernels, "library", dict)
+    monkeypatch.setattr(kernels, "compile_listed", lambda: None)
     monkeypatch.setattr(kernels, "parent_process", lambda: None)
     monkeypatch.setattr(kernels.log, "level", logging.NOTSET)  # which a command has set before
     kernels.say_first_use.cache_clear()

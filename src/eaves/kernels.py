@@ -2,16 +2,22 @@
 
 The library `eaves.compiled` holds a function for each kernel and each sort of arguments, made from these
 kernels by `packaging/kernels.py`. A function is used only if its fingerprint is that of the kernel as it
-stands; any other call is compiled by numba, once a machine.
+stands; any other call is compiled by numba, once a machine. Where nothing is compiled yet, all calls of
+`kernels.txt` are, by as many processes as there are cores; lists of satellites are for the library alone.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import importlib
 import logging
 import os
+import re
+import subprocess
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing import parent_process
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -25,6 +31,11 @@ FIRST_USE = "first use: loops are compiled once for this machine, a minute or tw
 CONTIGUOUS, FORTRAN, ALIGNED, WRITEABLE = 0x1, 0x2, 0x100, 0x400
 """The flags of an array (`numpy.ndarray.flags.num`) that decide which code fits it."""
 SCALARS = {float: "float", int: "int", bool: "bool", np.float64: "float", np.int64: "int", np.bool_: "bool"}
+NUMBERS = {"float": "float64", "int": "int64", "bool": "boolean", "float32": "float32"}
+"""Sort of a number → numba's name of it."""
+HOME = Path(__file__).parent
+LIST = HOME / "kernels.txt"
+"""The calls of kernels that runs of the core make, as `packaging/kernels.py --run` notes them."""
 KERNELS: list[Kernel] = []
 """Every kernel of the modules imported so far."""
 
@@ -88,6 +99,13 @@ class Kernel:
         add_code(digest, self.py_func.__code__, self.py_func.__globals__, {self.name})
         return digest.hexdigest()[:16]
 
+    @functools.cached_property
+    def weight(self) -> int:
+        """What it costs to compile, about: the length of its code and of that of the kernels it calls."""
+        code, names = self.py_func.__code__, self.py_func.__globals__
+        callees = {name: names.get(name) for name in code.co_names}
+        return len(code.co_code) + sum(one.weight for one in callees.values() if isinstance(one, Kernel))
+
 
 def kernel(function: Callable[..., Any]) -> Any:
     """A function as a kernel; a decorator."""
@@ -121,9 +139,12 @@ def sort_of(value: Any) -> str:
 
 @functools.cache
 def say_first_use() -> None:
-    """Say once, in the first of a run's processes, that loops are compiled, where none are yet."""
-    if parent_process() is None and is_first_use():
-        log.warning(FIRST_USE)
+    """Say once, in the first of a run's processes, that loops are compiled, where none are yet, and compile
+    those listed."""
+    if parent_process() is None and not library():
+        if is_first_use():
+            log.warning(FIRST_USE)
+        compile_listed()
 
 
 def is_first_use() -> bool:
@@ -133,8 +154,88 @@ def is_first_use() -> bool:
 
 def compiled_pieces() -> int:
     """The number of loops that numba keeps compiled for eaves: none before the first run."""
-    place = os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent
-    return sum(1 for _ in Path(place).rglob("*.nbc"))
+    return sum(1 for _ in cache_folder().rglob("*.nbc"))
+
+
+def cache_folder() -> Path:
+    """The folder in which numba keeps compiled loops."""
+    return Path(os.environ.get("NUMBA_CACHE_DIR") or HOME)
+
+
+def compile_listed() -> None:
+    """Compile the core's calls, unless some are, by a process for each core; what another process does so is
+    waited for. They are found where numba keeps them; where it cannot, nothing is done."""
+    from filelock import FileLock
+
+    cores = os.cpu_count() or 1
+    with suppress(OSError), FileLock(cache_folder() / ".compiling"):
+        if compiled_pieces() or cores == 1:
+            return
+        code = "from eaves.kernels import compile_share; compile_share({}, {})"
+        started = [
+            subprocess.Popen([sys.executable, "-c", code.format(share, cores)]) for share in range(cores)
+        ]
+        try:
+            for process in started:
+                process.wait()
+        finally:
+            for process in started:
+                process.kill()
+
+
+def compile_share(share: int, shares: int) -> None:
+    """Compile a share of the core's calls: the dearest kernels are dealt out first, with all their calls."""
+    calls: dict[str, list[str]] = {}
+    for call in listed_calls(LIST):
+        calls.setdefault(call.partition("(")[0], []).append(call)
+    loads = [0.0] * shares
+    for name in sorted(calls, key=lambda name: -named(name).weight * len(calls[name])):
+        lightest = loads.index(min(loads))
+        loads[lightest] += named(name).weight * len(calls[name])
+        if lightest == share:
+            for call in calls[name]:
+                named(name).dispatcher.compile(signature(call))
+
+
+def listed_calls(*lists: Path) -> list[str]:
+    """The calls of some lists, `module.kernel(sorts of arguments)`, in order."""
+    return sorted(call for path in lists for call in path.read_text("utf-8").splitlines())
+
+
+def named(name: str) -> Any:
+    """What a module holds under a name, `module.name`."""
+    module, _, name = name.rpartition(".")
+    return getattr(importlib.import_module(module), name)
+
+
+def signature(call: str) -> tuple[Any, ...]:
+    """The numba types of the arguments of a listed call."""
+    return tuple(map(type_of, words_of(call[:-1].split("(", 1)[1])))
+
+
+def words_of(sorts: str) -> list[str]:
+    """The sorts of a list of them, `<f8[2C], int, (int, int)`."""
+    return re.findall(r"[^,\s(]*\([^)]*\)|[^,\s(]+", sorts)
+
+
+def type_of(sort: str) -> Any:
+    """The numba type of a sort that `sort_of` names."""
+    from numba.core import types
+    from numba.np.numpy_support import from_dtype
+
+    if array := re.fullmatch(r"(\S+)\[(\d)([CFA])(r?)(u?)\]", sort):
+        dtype, dimensions, order, read_only, unaligned = array.groups()
+        kind: Any = order  # of the letters that numba allows
+        return types.Array(
+            from_dtype(np.dtype(dtype)), int(dimensions), kind, bool(read_only), aligned=not unaligned
+        )
+    if sort.endswith(")"):
+        tuple_of, words = sort[:-1].split("(", 1)
+        members = [type_of(word) for word in words_of(words)]
+        return types.BaseTuple.from_types(  # type: ignore[attr-defined]  # which its stubs lack
+            members, named(tuple_of) if tuple_of else None
+        )
+    return getattr(types, NUMBERS[sort])
 
 
 @functools.cache

@@ -26,6 +26,7 @@ import numpy
 
 from eaves.formats.errors import INSTALL
 from eaves.formats.whole_files import is_full
+from eaves.kernels import say_first_use
 from eaves.model.checks import error_line
 from eaves.run.memory import REMEDY, collect_rarely, limit_memory, share_memory
 
@@ -262,6 +263,7 @@ class Workers:
         """The processes beside this one, new ones where one of them died."""
         if self._pool is None or self._pool in self._broken:
             self._stop()
+            say_first_use()  # before each of them compiles for itself
             line, self._line = multiprocessing.Pipe(duplex=False)
             arguments = line, self._share
             context = multiprocessing.get_context("spawn")
