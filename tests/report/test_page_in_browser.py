@@ -334,8 +334,10 @@ def test_clicks_measure_between_corners_and_the_address_keeps_it(browser: Browse
 const { xyz, lod, count } = eaves.scene.edges; let best = [], size = 0;
 for (let k = 0; k < count; k++) {
   const [one, two] = [0, 3].map(start => [...xyz.subarray(6 * k + start, 6 * k + start + 3)]);
-  const [east, north, up] = two.map((value, axis) => value - one[axis]), straight = Math.hypot(east, north, up);
-  const finest = lod[k] === JSON.parse(document.getElementById('data').textContent).lods.indexOf('2.2');
+  const [east, north, up] = two.map((value, axis) => value - one[axis]);
+  const straight = Math.hypot(east, north, up);
+  const { lods } = JSON.parse(document.getElementById('data').textContent);
+  const finest = lod[k] === lods.indexOf('2.2');
   if (finest && straight > size && Math.abs(up) < 0.01) [best, size] = [[one, two], straight];
 }
 return [best, size];"""
@@ -373,8 +375,9 @@ const top = (xyz, list, x, y) => {
   for (let place = 0; place < list.length; place += 3) {
     const [a, b, c] = [0, 1, 2].map(k => xyz.subarray(3 * list[place + k], 3 * list[place + k] + 3));
     const [ux, uy, vx, vy] = [b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]], size = ux * vy - uy * vx;
-    const one = ((x - a[0]) * vy - (y - a[1]) * vx) / size, two = (ux * (y - a[1]) - uy * (x - a[0])) / size;
-    if (size && one >= 0 && two >= 0 && one + two <= 1) best = Math.max(best ?? -1e9, a[2] + one * (b[2] - a[2]) + two * (c[2] - a[2]));
+    const [px, py] = [x - a[0], y - a[1]], one = (px * vy - py * vx) / size, two = (ux * py - uy * px) / size;
+    const height = a[2] + one * (b[2] - a[2]) + two * (c[2] - a[2]);
+    if (size && one >= 0 && two >= 0 && one + two <= 1) best = Math.max(best ?? -1e9, height);
   }
   return best;
 };
