@@ -80,8 +80,8 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     model_edits(region, units)
     conflicts += overlaps(orders, outlines_in(SavedBuildings(store), side))
     return Corrected(
-        tuple(name for order in orders for name, _ in order.parts),
-        tuple(order.id for order in orders if not order.outlines),
+        tuple(part.id for order in orders for part in order.modelled),
+        tuple(order.id for order in orders if not order.parts),
         tuple(
             reason for unit in units for reason in failures_in(unit, SavedBuildings(store, (EDITED.name,)))
         ),
@@ -96,7 +96,7 @@ def failures_in(unit: OwnedOrders, edited: SavedBuildings) -> Iterator[str]:
         return  # the whole block failed, which the run says
     outcomes = edited.answers([unit.owner_block])
     by_id = {building.footprint.id: building for building in outcomes if building.footprint is not None}
-    for name, _ in (part for order in unit.orders for part in order.parts):
+    for name in (part.id for order in unit.orders for part in order.modelled):
         outcome = by_id.get(name)
         if outcome is None:
             yield f"{name}: its outline has no area"

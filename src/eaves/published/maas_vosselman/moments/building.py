@@ -213,12 +213,14 @@ def fit_building(
     *,
     closed_only: bool = False,
     sums: bool = False,
+    only: str = "",
 ) -> ParametricBuilding | Failure:
     """The parametric house under roof points (N, 3), or a Failure when there are too few.
 
     With a ground plan, place, orientation, length and width are those of its least rectangle. With
     `closed_only` nothing is fitted: roof, edges and heights are those of the closed solution, and how sure
-    they are is not known (NaN). Moments are integrals over triangles, or `sums` over points.
+    they are is not known (NaN). Moments are integrals over triangles, or `sums` over points. The roof `only`
+    is a gable or a hip, where one is stated.
     """
     if len(points) < FEWEST_POINTS:
         return Failure("too_few_points", f"{len(points)} roof points for a parametric house", "reconstruct")
@@ -227,7 +229,7 @@ def fit_building(
     if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
     rectangle = None if plan is None else rectangle_around(plan)
-    forms, best = solve_closed(points, triangles, rectangle, sums)
+    forms, best = solve_closed(points, triangles, rectangle, sums, only)
     if not closed_only:
         best = choose_fit(points, forms, turns=rectangle is None)
     inlier = np.abs(best.residuals) <= CUT * best.scale
@@ -245,7 +247,11 @@ def fit_building(
 
 
 def solve_closed(
-    points: Points, triangles: NDArray[np.int32], plan: Rectangle | None, sums: bool = False
+    points: Points,
+    triangles: NDArray[np.int32],
+    plan: Rectangle | None,
+    sums: bool = False,
+    only: str = "",
 ) -> tuple[list[ClosedForm], ParametricFit]:
     """The closed solutions, first the one that explains points (N, 3) best, and its roof with residuals.
 
@@ -258,6 +264,7 @@ def solve_closed(
         moments = surface_moments(heights, triangles, sums)
         level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
         forms = closed_forms(moments, level, growth, plan)
+        forms = [form for form in forms if form.roof == only] or forms
         fits = [closed_fit(points, closed) for closed in forms]
         order = np.argsort(costs_of(fits), kind="stable")
         best = fits[order[0]]
