@@ -193,6 +193,7 @@ COLUMNS: dict[str, Column] = {
     "given_map_height_m": Column("Height on the map", "m", "as the map of the footprints has it"),
     "edit": Column("Edit", "", "what a user said of the building", str),
     "edit_source": Column("Source of the edit", "", "the file that holds it", str),
+    "reviewed": Column("Reviewed", "", "day on which an operator edited or confirmed it", str),
     "change": Column("Change", "", "what became of the building between two epochs", str),
     "also": Column("Also", "", "what else became of it", str),
     "certainty": Column(

@@ -331,6 +331,9 @@ def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[
     parts = {name: Draft(outline)}
     division: tuple[str, int] | None = None
     for edit in edits:
+        if edit.id not in parts and divided(edit.id, {name: 0}):
+            conflicts.append(f"{edit.verdict} of '{edit.id}': it is no part of {name} now; left out")
+            continue
         first = edit.id if edit.id in parts else name
         targets = [first] if len(parts) == 1 or first != name else meant(edit, parts)
         if edit.verdict == PARTY_WALLS and division == (first, edit.action):

@@ -447,7 +447,9 @@ class Moments(Reconstructor):
     )
     sums: bool = parameter(False, "Sum over the points instead of the triangles between them.", off=True)
     only: str = parameter(
-        "", "Roof that the house has, whatever explains its points better: gable or hip; default: any.", off=""
+        "",
+        "Roof that the house has, whatever explains its points better: gable or hip; default: any.",
+        off="",
     )
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
