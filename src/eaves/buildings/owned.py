@@ -75,8 +75,8 @@ another number of faces."""
 @dataclass(frozen=True)
 class StatedRoof:
     """What a person states of a roof: its shape, empty for that of its points, and heights (m) of its base
-    and eaves, None for those measured; for a shape that a method of its own makes, the method, and the digests
-    of its code."""
+    and eaves, None for those measured; for a shape that a method of its own makes, the method, and the
+    digests of its code."""
 
     shape: str = ""
     base: float | None = None

@@ -17,8 +17,8 @@ from eaves.upkeep import OVERLAP_M2, VERDICTS, Edit
 SAME_CORNER_M = 0.01
 """Corners nearer than this (m) to one another are one, and move together."""
 LEAST_M2, MOST_CORNERS, FARTHEST_M = 1.0, 2000, 300.0
-"""A building's outline has at least this area (m²) and at most so many corners; none is drawn farther (m) from
-all others."""
+"""A building's outline has at least this area (m²) and at most so many corners; none is drawn farther (m)
+from all others."""
 MOST_TAKEN = 0.5
 """Share of a neighbour that an outline may take of it."""
 CLOSED_GAP_M = 0.3
@@ -97,7 +97,7 @@ def edits_of(action: object, table: Table) -> list[Edit]:
 
 
 def move(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
-    """Corners of a building moved: {"id", "moves": [[[x, y], [x, y]], …]}; those that neighbours share, too."""
+    """Corners of a building moved, {"id", "moves": [[[x, y], [x, y]], …]}; also those of neighbours."""
     moves = action.get("moves")
     if not isinstance(moves, list) or not 1 <= len(moves) <= MOST_CORNERS:
         raise ActionError("'moves' is not a list")

@@ -17,7 +17,7 @@ def edit(
     ],
     summary: Annotated[
         bool,
-        typer.Option("--summary", help="Say which reasons of the review led to edits, and nothing else."),
+        typer.Option("--summary", help="Say which reasons of the review led to edits, and end."),
     ] = False,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
     port: Annotated[int, typer.Option(help="Local port; 0: any free port.", min=0, max=65535)] = 0,

@@ -37,7 +37,7 @@ def plan_of(polygon: Any, origin: tuple[float, float]) -> list[list[list[float]]
 
 
 def drawn(contents: Contents, buildings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """What the page draws of buildings: rows, arrays and plans of those that are there, the ids of the others.
+    """What the page draws of buildings: rows, arrays and plans of those that are there, ids of the others.
 
     The models go through the same file and functions as those of a whole page.
     """
@@ -115,7 +115,8 @@ def picture_of(saved: Any) -> str:
         ring = shapely.get_coordinates(polygon.exterior)
         places = " ".join(f"{x - west:.2f},{north - y:.2f}" for x, y in ring)
         faces.append(f'<polygon points="{places}" fill="{colour}"/>')
+    box = f"-1 -1 {east - west + 2:.1f} {north - south + 2:.1f}"
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-1 -1 {east - west + 2:.1f} {north - south + 2:.1f}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" '
         f'stroke="#222" stroke-width="0.15">{"".join(faces)}</svg>'
     )

@@ -1,4 +1,4 @@
-"""The table in a browser of this computer: one page and a few calls, all behind an address nobody can guess."""
+"""The table in a browser of this computer: one page and a few calls, all behind a secret address."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from urllib.parse import urlsplit
 from eaves.edit.actions import ActionError
 from eaves.edit.drawn import drawn, page_of, picture_of, plan_of, queue_of
 from eaves.edit.session import Change, Session
-from eaves.formats import InputError
 from eaves.report import HOST, Handler, open_server, read_contents
 
 LARGEST = 1_000_000
@@ -131,7 +130,7 @@ class DeskHandler(Handler):
             answer = call(words)
         except Refused as refusal:
             self.refuse(refusal)
-        except (ActionError, InputError) as error:
+        except ValueError as error:
             self.refuse(Refused(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)))
         else:
             self.send(json.dumps(answer, default=str).encode(), JSON, True)
@@ -144,7 +143,7 @@ class DeskHandler(Handler):
         Refused
             When the host is another, or the address has not the token.
         """
-        port = self.server.server_address[1]
+        port = self.connection.getsockname()[1]
         hosts = {f"{host}:{port}" for host in (HOST, "localhost")}
         if self.headers.get("Host", "") not in hosts:
             raise Refused(HTTPStatus.FORBIDDEN, "another host")

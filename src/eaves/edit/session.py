@@ -14,13 +14,12 @@ from shapely import Polygon
 
 from eaves.edit.actions import ActionError, Table, edits_of, signed
 from eaves.edit.review import Reviewed, read_queue
-from eaves.formats import InputError
 from eaves.upkeep import Edit, Trial, open_trial, update
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What came of an action: the buildings that are others now, None for those that went, and words on it."""
+    """What came of an action: the buildings that are others now, None for those that went, and words."""
 
     buildings: dict[str, Any] = field(default_factory=dict)
     words: tuple[str, ...] = ()
@@ -108,9 +107,14 @@ class Session:
 
     def with_edits(self, edits: Sequence[Edit], before: Change) -> Change:
         """Keep edits and model what they say; with what changed `before`."""
-        self.own = list(edits)
+        earlier, self.own = self.own, list(edits)
         self.trial.keep(self.own)
-        after = self.model()
+        try:
+            after = self.model()
+        except BaseException:  # what cannot be modelled must not stay
+            self.own = earlier
+            self.trial.keep(self.own)
+            raise
         return Change({**before.buildings, **after.buildings}, after.words)
 
     def undo(self) -> Change:
@@ -150,6 +154,3 @@ class Session:
                 choices[verdict] = self.trial.building(edits[0].id, corrected.touched)
             self.trial.correct([*kept, *self.trial.from_layer()])
             return choices
-
-
-__all__ = ["ActionError", "Change", "InputError", "Session"]

@@ -70,7 +70,7 @@ class Edit:
     @property
     def row(self) -> Row:
         """As the file of edits has it."""
-        more = {"value": self.value, "action": self.action or None}
+        more: dict[str, Any] = {"value": self.value, "action": self.action or None}
         more |= {"reviewed": self.reviewed or None, "reason": self.reason or None}
         columns = {"verdict": self.verdict, "id": self.id or None, "source": self.source}
         return Row(self.polygon, columns | {name: value for name, value in more.items() if value is not None})
@@ -322,6 +322,7 @@ def method_of(shape: str) -> tuple[Reconstructor | None, tuple[str, ...]]:
         return None, ()
     table = {"method": "moments", "only": shape, "ground_plan": True}
     method = resolve_method("reconstruct", {**table, "empty_share": 1.0, "unexplained_share": 1.0})
+    assert isinstance(method, Reconstructor)
     return method, tuple(code_of_methods(method))
 
 

@@ -1,4 +1,4 @@
-"""A run's buildings as edits would leave them: modelled in a copy of its results, before anything is written."""
+"""A run's buildings as edits would leave them, modelled in a copy of its results before files are written."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ class Trial:
         return outlines_in(SavedBuildings(self.region.store), self.region.run.side)
 
     def changed(self, owners: Collection[Block]) -> dict[str, SavedBuilding | None]:
-        """The buildings that blocks own and that are others than when this was last asked; None for those that
-        went."""
+        """The buildings that blocks own and that are others than when this was last asked; None for those
+        that went."""
         changed: dict[str, SavedBuilding | None] = {}
         now = SavedBuildings(self.region.store)
         for owner in sorted(owners):
