@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -9,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eaves.formats import read_polygons
-from eaves.model import CoordinateSystem
 from eaves.upkeep import Edit, read_edits
 
 
@@ -22,11 +22,13 @@ class Reviewed:
     reason: str
 
 
-def read_queue(folder: Path, system: CoordinateSystem) -> list[Reviewed]:
-    """The buildings of the layer `review` of a run, in its order."""
-    _, _, rows, _ = read_polygons(folder / "footprints.gpkg", "review", target=system)
-    rows = sorted(rows, key=lambda row: int(row["rank"]))
-    return [Reviewed(str(row["id"]), float(row["worth_m2"]), str(row["reason"])) for row in rows]
+def read_queue(folder: Path) -> list[Reviewed]:
+    """The buildings of the table `review.csv` of a run, in its order; none where it wrote none."""
+    path = folder / "review.csv"
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return [Reviewed(row["id"], float(row["worth_m2"]), row["reason"]) for row in csv.DictReader(file)]
 
 
 def kinds_of(reason: str) -> list[str]:

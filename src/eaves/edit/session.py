@@ -44,16 +44,17 @@ class Session:
         self.lock = threading.RLock()
         self.undone: list[list[Edit]] = []
         self.day = datetime.date.today().isoformat()
-        self.held = ExitStack()
         self.open()
 
     def open(self) -> None:
         """Hold the folder, and model what its edits say."""
-        self.trial: Trial = self.held.enter_context(open_trial(self.folder, self.jobs))
-        self.queue: list[Reviewed] = read_queue(self.folder, self.trial.system)
-        self.own = self.trial.kept()
-        self.seen: Any = None
-        self.fresh = self.take_in()
+        with ExitStack() as held:
+            self.trial: Trial = held.enter_context(open_trial(self.folder, self.jobs))
+            self.queue: list[Reviewed] = read_queue(self.folder)
+            self.own = self.trial.kept()
+            self.seen: Any = None
+            self.fresh = self.take_in()
+            self.held = held.pop_all()
 
     def close(self) -> None:
         """Let go of the folder."""
@@ -107,13 +108,11 @@ class Session:
 
     def with_edits(self, edits: Sequence[Edit], before: Change) -> Change:
         """Keep edits and model what they say; with what changed `before`."""
-        earlier, self.own = self.own, list(edits)
-        self.trial.keep(self.own)
+        earlier, self.own = self.own, self.trial.keep(edits)
         try:
             after = self.model()
         except BaseException:  # what cannot be modelled must not stay
-            self.own = earlier
-            self.trial.keep(self.own)
+            self.own = self.trial.keep(earlier)
             raise
         return Change({**before.buildings, **after.buildings}, after.words)
 

@@ -19,6 +19,7 @@ from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.geometry.overlaps import HALF
 from eaves.geometry.rings import as_polygon
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import resolve_method
 from eaves.model import CoordinateSystem
 from eaves.reconstruct import Reconstructor
@@ -143,13 +144,21 @@ def features_of(
         When a verdict is none of those, or a polygon has no area.
     """
     for number, (polygon, row) in enumerate(zip(polygons, rows, strict=True), 1):
-        verdict, whole = str(row.get("verdict") or "").strip().lower(), as_polygon(polygon)
+        verdict, whole = str(row.get("verdict") or "").strip().lower(), repaired(polygon)
         if verdict not in verdicts:
             rule = f"feature {number} has the verdict '{row['verdict']}'"
             raise InputError.about(path, rule, f"use one of: {', '.join(VERDICTS)}")
         if whole is None:
             raise InputError.about(path, f"feature {number} has no area", "fix or delete it")
         yield verdict, whole, str(row.get("id") or ""), row
+
+
+def repaired(shape: Polygon | MultiPolygon) -> Polygon | None:
+    """The polygon of a feature; itself where it is sound and on the grid, as one that was read before is."""
+    rounded = shapely.set_precision(shape, COORDINATE_STEP, mode="pointwise")
+    if isinstance(shape, Polygon) and shape.is_valid and rounded.equals_exact(shape, 0.0):
+        return shape
+    return as_polygon(shape)
 
 
 def read_verdict_table(
@@ -335,7 +344,7 @@ def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[
         if edit.id not in parts and divided(edit.id, {name: 0}):
             conflicts.append(f"{edit.verdict} of '{edit.id}': it is no part of {name} now; left out")
             continue
-        first = edit.id if edit.id in parts else name
+        first = next(one for one in (edit.id, name, *parts) if one in parts)
         targets = [first] if len(parts) == 1 or first != name else meant(edit, parts)
         if edit.verdict == PARTY_WALLS and division == (first, edit.action):
             fresh = next(free for n in count(2) if (free := f"{first}-{n}") not in parts)
@@ -354,7 +363,7 @@ def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[
     left = {key: part for key, part in parts.items() if not part.gone}
     ordered = tuple(OrderedPart(key, part.outline, part.roof, part.attributes) for key, part in left.items())
     stays = all(edit.verdict == RIGHT for part in parts.values() for edit in part.used) and len(parts) == 1
-    return Order(name, ordered, parts[name].attributes, stays)
+    return Order(name, ordered, next(iter(parts.values())).attributes, stays)
 
 
 def meant(edit: Edit, parts: Mapping[str, Draft]) -> list[str]:

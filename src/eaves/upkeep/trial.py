@@ -57,9 +57,10 @@ class Trial:
         """Those made in its layer of footprints since that was written."""
         return changed_in_layer(self.folder, self.system, self.written)
 
-    def keep(self, edits: Sequence[Edit]) -> None:
-        """Write edits into the folder's file of them, whole or not at all."""
+    def keep(self, edits: Sequence[Edit]) -> list[Edit]:
+        """Write edits into the folder's file of them, whole or not at all; the edits as it has them."""
         write_edits(self.folder / EDITS, edits, self.system)
+        return self.kept()
 
     def state(self) -> tuple[tuple[int, int], ...]:
         """What changes when another program writes the edits or the layer."""

@@ -449,7 +449,6 @@ class Moments(Reconstructor):
     only: str = parameter(
         "",
         "Roof that the house has, whatever explains its points better: gable or hip; default: any.",
-        off="",
     )
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
