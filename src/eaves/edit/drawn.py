@@ -6,6 +6,7 @@ import json
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from eaves.edit.review import Reviewed
 from eaves.formats import write_cityjson_seq
 from eaves.report import Contents, Sample, describe_run, iter_arrays, iter_data, iter_page
 
+PLACE = files("eaves.edit").joinpath("page")
+SCRIPTS = ("geometry.js", "main.js", "tools.js", "view.js")
 GONE = ("point", "terrain")
 """Arrays of the page that edits leave as they are begin so."""
 BARE_M = 0.75
@@ -26,8 +29,25 @@ FACE_COLOURS = ("#b9b3a6", "#d8c9a3", "#c58c63", "#8f6a50", "#a5a99c", "#7f8c94"
 
 
 def page_of(contents: Contents, data: Mapping[str, Any]) -> bytes:
-    """The page with the data of the table."""
-    return "".join(iter_page(contents, describe_run(contents.folder), data={"edit": dict(data)})).encode()
+    """The page with the panel of the table, its script and the data of both."""
+    page = "".join(iter_page(contents, describe_run(contents.folder), data={"edit": dict(data)}))
+    panel, style = (PLACE.joinpath(f"panel.{kind}").read_text("utf-8") for kind in ("html", "css"))
+    script = '<script type="module" src="main.js"></script>'
+    for mark, more in (
+        ("script-src ", "script-src 'self' "),
+        ("</head>", f"<style>{style}</style></head>"),
+        ('<section id="stage" aria-label="3D scene">', panel),
+        ("</body>", f"{script}</body>"),
+    ):
+        before, found, after = page.partition(mark) if mark != "</body>" else page.rpartition(mark)
+        assert found, mark
+        page = before + more + after
+    return page.encode()
+
+
+def script_of(name: str) -> bytes | None:
+    """A module of the tools; None where there is none of that name."""
+    return PLACE.joinpath(name).read_bytes() if name in SCRIPTS else None
 
 
 def plan_of(polygon: Any, origin: tuple[float, float]) -> list[list[list[float]]]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import secrets
+import threading
 import webbrowser
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
 from pathlib import Path
@@ -13,14 +15,14 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from eaves.edit.actions import ActionError
-from eaves.edit.drawn import drawn, page_of, picture_of, plan_of, queue_of
+from eaves.edit.drawn import drawn, page_of, picture_of, plan_of, queue_of, script_of
 from eaves.edit.session import Change, Session
 from eaves.report import HOST, Handler, open_server, read_contents
 
 LARGEST = 1_000_000
 """Bytes of a call: the outline of a hall takes a thousandth of it."""
 CHOICES = ("coarser roof", "roof of points", "finer roof")
-JSON, HTML = "application/json", "text/html; charset=utf-8"
+JSON, HTML, SCRIPT = "application/json", "text/html; charset=utf-8", "text/javascript"
 
 
 class Refused(Exception):
@@ -38,6 +40,12 @@ class Desk:
         self.session, self.token = session, secrets.token_urlsafe(32)
         self.contents = read_contents(session.folder)
         self.earlier = session.fresh
+
+    def warm(self) -> None:
+        """Model a building once, so that nobody waits for what a first one takes longer."""
+        names = [entry.id for entry in self.session.queue if entry.id in self.session.outlines]
+        with suppress(ValueError):
+            self.choices({"id": next(iter(names or self.session.outlines), None)})
 
     def page(self) -> bytes:
         """The page as the run's files show it, with the plans of its buildings."""
@@ -106,7 +114,7 @@ class Desk:
 
 
 class DeskHandler(Handler):
-    """Answers for a desk: GET of its page, POST of its calls, to a page of this address alone."""
+    """Answers for a desk: GET of its page and scripts, POST of its calls, to a page of this address alone."""
 
     def __init__(self, *arguments: Any, desk: Desk) -> None:
         self.desk = desk
@@ -115,9 +123,11 @@ class DeskHandler(Handler):
     def answer(self, with_body: bool) -> None:
         """Send the page."""
         try:
-            if self.called() != "":
+            name = self.called()
+            script = script_of(name)
+            if name and script is None:
                 raise Refused(HTTPStatus.NOT_FOUND, "nothing is here")
-            self.send(self.desk.page(), HTML, with_body)
+            self.send(script or self.desk.page(), SCRIPT if script else HTML, with_body)
         except Refused as refusal:
             self.refuse(refusal)
 
@@ -197,6 +207,7 @@ def serve_desk(desk: Desk, port: int, show: bool, say: Callable[[str], object]) 
     with open_server(partial(DeskHandler, desk=desk), port) as server:
         address = f"http://{HOST}:{server.server_address[1]}/{desk.token}/"
         say(f"{desk.session.folder} can be edited at {address}, from this computer only; Ctrl-C ends it")
+        threading.Thread(target=desk.warm, daemon=True).start()
         if show:
             webbrowser.open(address)
         server.serve_forever()
