@@ -34,14 +34,13 @@ def page_of(contents: Contents, data: Mapping[str, Any]) -> bytes:
     panel, style = (PLACE.joinpath(f"panel.{kind}").read_text("utf-8") for kind in ("html", "css"))
     script = '<script type="module" src="main.js"></script>'
     for mark, more in (
-        ("script-src ", "script-src 'self' "),
-        ("</head>", f"<style>{style}</style></head>"),
         ('<section id="stage" aria-label="3D scene">', panel),
-        ("</body>", f"{script}</body>"),
+        ("script-src ", "'self' "),
+        ("<body>", f"<style>{style}</style>{script}"),
     ):
-        before, found, after = page.partition(mark) if mark != "</body>" else page.rpartition(mark)
+        before, found, after = page.partition(mark)
         assert found, mark
-        page = before + more + after
+        page = before + found + more + after
     return page.encode()
 
 
