@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site showcase package sources recipe released kernels clean
+.PHONY: demo page test test-all bench lint wheels-check docs qgis-plugin site showcase package sources recipe released kernels clean
 
 $(BIN)/eaves: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -38,6 +38,14 @@ lint: $(BIN)/eaves
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python packaging/prose.py
+
+# The scripts of a run's page, of the modules in page/src; needs node.
+page: page/node_modules
+	node page/build.js
+
+page/node_modules: page/package-lock.json
+	npm ci --prefix page
+	touch $@
 
 docs: $(BIN)/eaves
 	$(BIN)/python -m docs.pictures

@@ -30,10 +30,6 @@ from eaves.report.basemap import fit_web_mercator
 from eaves.report.contents import Contents, local_rings
 from eaves.report.surfaces import CityFace, CityFaces, in_pieces
 
-SCRIPTS = (
-    *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
-    *("colours", "table", "charts", "verdicts", "epochs", "network", "city", "main", "events"),
-)
 COLUMNS = {
     "id": "id",
     "trust": "trust",
@@ -89,14 +85,15 @@ def iter_page(
     data: dict[str, Any] | None = None,
     arrays: Iterable[tuple[str, NDArray[Any]]] | None = None,
     lods: Iterable[int] | None = None,
+    extension: str = "",
 ) -> Iterator[str]:
     """The page piece by piece: all of it is several times as large as its largest array.
 
-    `words` of the page, its `data`, its `arrays` and the levels of detail replace those of the contents.
+    `words` of the page, its `data`, its `arrays` and the levels of detail replace those of the contents;
+    `extension` is script that brings tools (`page/src/tools.js`).
     """
     folder = files("eaves.report").joinpath("page")
-    parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
-    script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
+    parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css", "page.js")}
     lines = [line for line in text.split("\n") if ": trust high " in line] or text.split("\n")
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
@@ -111,7 +108,8 @@ def iter_page(
     ) | (words or {})
     filled = {name: html.escape(value) for name, value in said.items()} | dict(
         style=parts["style.css"],
-        script=script,
+        script=parts["page.js"],
+        extension=extension,
         lods="".join(f"<option>{LODS[number]}</option>" for number in sorted(levels, reverse=True)),
         summary=html.escape(text),
         files=" · ".join(f"<a href='{name}'>{name}</a>" for name in linked_files(contents.folder)),

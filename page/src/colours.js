@@ -1,19 +1,22 @@
 // The meaning of colours: for points and models a way from values to colours, with its legend.
-const CLASSES = {
+import { CHANGES } from './epochs.js';
+import { element } from './page.js';
+
+export const CLASSES = {
   0: ['not used', '#a7adb3'], 1: ['other', '#8d9b6f'], 2: ['ground', '#b59a74'], 3: ['low vegetation', '#a6c36f'], 4: ['medium vegetation', '#6ba14f'],
   5: ['high vegetation', '#3f7f3f'], 6: ['building', '#8e1b2e'], 7: ['low noise', '#e03fd8'], 9: ['water', '#4f8fd0'], 14: ['wire', '#d98c3f'], 15: ['tower', '#8a5a2b'], 17: ['bridge', '#9a7bb0'], 18: ['high noise', '#e03fd8'],
 };
-const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc948', '#9c755f', '#ff9da7', '#8cd17d', '#86bcb6'];
-const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
-const TRUST_COLOURS = { high: '#5b8c85', medium: '#f2c14e', low: '#c8102e', none: '#8b8b8b' };
-const VIRIDIS = ['#440154', '#3b528b', '#21918c', '#5ec962', '#fde725'];
-const DIVERGING = ['#2f6fd6', '#7fb0d8', '#a9b5a4', '#e39a6b', '#d0302f'];
-const CYCLE = ['#e0524d', '#d9c23f', '#4dab5b', '#3f7fd0', '#e0524d'];
-const NOTHING = '#8b8b8b';
+export const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc948', '#9c755f', '#ff9da7', '#8cd17d', '#86bcb6'];
+export const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
+export const TRUST_COLOURS = { high: '#5b8c85', medium: '#f2c14e', low: '#c8102e', none: '#8b8b8b' };
+export const VIRIDIS = ['#440154', '#3b528b', '#21918c', '#5ec962', '#fde725'];
+export const DIVERGING = ['#2f6fd6', '#7fb0d8', '#a9b5a4', '#e39a6b', '#d0302f'];
+export const CYCLE = ['#e0524d', '#d9c23f', '#4dab5b', '#3f7fd0', '#e0524d'];
+export const NOTHING = '#8b8b8b';
 
-const bytes = colour => [1, 3, 5].map(place => parseInt(colour.slice(place, place + 2), 16));
+export const bytes = colour => [1, 3, 5].map(place => parseInt(colour.slice(place, place + 2), 16));
 
-function ramp(colours) {
+export function ramp(colours) {
   const stops = colours.map(bytes), last = stops.length - 1;
   return share => {
     const place = Math.min(last - 1e-6, Math.max(0, share * last)), low = Math.floor(place), part = place - low;
@@ -22,28 +25,28 @@ function ramp(colours) {
 }
 
 // Answers a colour for a number; NaN is grey.
-function scaleOf(colours, low, high, unit, names) {
+export function scaleOf(colours, low, high, unit, names) {
   const at = ramp(colours), grey = bytes(NOTHING), span = high > low ? high - low : 1;
   return { colour: value => Number.isFinite(value) ? at((value - low) / span) : grey, legend: { colours, low, high, unit, names } };
 }
 
 // Answers a colour for a word.
-function setOf(words, known = {}) {
+export function setOf(words, known = {}) {
   const table = new Map(words.map((word, place) => [word, known[word] || SET[place % SET.length]]));
   return { colour: word => bytes(table.get(word) || NOTHING), legend: { words: [...table] } };
 }
 
-function spread(values, lowest = 0.02, highest = 0.98) {
+export function spread(values, lowest = 0.02, highest = 0.98) {
   const finite = Float64Array.from(values).filter(Number.isFinite).sort();
   return finite.length ? [finite[Math.floor(lowest * (finite.length - 1))], finite[Math.floor(highest * (finite.length - 1))]] : [0, 1];
 }
 
-const column = (rows, name) => rows.map(row => row[name] === null || row[name] === undefined ? NaN : Number(row[name]));
-const words = (rows, name, missing) => rows.map(row => row[name] || missing);
-const distinct = list => [...new Set(list)].sort();
+export const column = (rows, name) => rows.map(row => row[name] === null || row[name] === undefined ? NaN : Number(row[name]));
+export const words = (rows, name, missing) => rows.map(row => row[name] || missing);
+export const distinct = list => [...new Set(list)].sort();
 
 // Way of colouring points → function of a point's number giving its colour, and a legend.
-function pointColours(way, { points, rows }) {
+export function pointColours(way, { points, rows }) {
   if (way === 'height') {
     const heights = points.xyz.filter((_, place) => place % 3 === 2), scale = scaleOf(VIRIDIS, ...spread(heights), 'm');
     scale.legend.shift = points.base;
@@ -61,7 +64,7 @@ function pointColours(way, { points, rows }) {
 }
 
 // Way of colouring models → function of (triangle's number, row's number) giving its colour, and a legend.
-function modelColours(way, { triangles, rows }) {
+export function modelColours(way, { triangles, rows }) {
   if (way === 'surface') {
     const scale = setOf(['roof', 'wall', 'underside', 'ground'], { roof: '#cf6a50', wall: '#d9d3c5', underside: '#b08968', ground: '#8a8fa3' });
     return { at: number => scale.colour(['ground', 'wall', 'roof', 'underside'][triangles.kind[number]]), legend: scale.legend };
@@ -87,16 +90,8 @@ function modelColours(way, { triangles, rows }) {
   return { at: (number, row) => scale.colour(values[row]), legend: scale.legend };
 }
 
-// Elements of the page, and the legend of a way of colouring.
-const element = (tag, attributes = {}, ...children) => {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  made.append(...children);
-  return made;
-};
-const figure = value => value === null || value === undefined ? '' : typeof value === 'number' && !Number.isInteger(value) ? value.toFixed(2).replace(/^-0\.00$/, '0.00') : String(value);
-
-function legend(box, { words, colours, low, high, unit, text, names, shift = 0 }) {
+// The legend of a way of colouring.
+export function legend(box, { words, colours, low, high, unit, text, names, shift = 0 }) {
   box.replaceChildren();
   if (text) box.append(text);
   for (const [word, colour] of words || []) box.append(element('span', { class: 'key' }, element('i', { style: `background:${colour}` }), word));

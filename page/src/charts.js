@@ -1,6 +1,9 @@
 // Histograms, and the figures of one building.
+import { column, words } from './colours.js';
+import { element, figure, page } from './page.js';
+
 // Bars upright, with their counts; entries are [label, count].
-function bars(title, entries, note = '') {
+export function bars(title, entries, note = '') {
   const most = Math.max(1, ...entries.map(([, count]) => count));
   const list = element('ol', { class: 'bars' });
   for (const [label, count] of entries) {
@@ -10,7 +13,7 @@ function bars(title, entries, note = '') {
   return element('figure', {}, element('figcaption', {}, title, ' ', element('small', {}, note)), list);
 }
 
-function histogram(title, values, width, top, unit, note = '') {
+export function histogram(title, values, width, top, unit, note = '') {
   const known = values.filter(Number.isFinite), count = Math.round(top / width), bins = new Array(count + 1).fill(0);
   for (const value of known) bins[Math.min(count, Math.floor(value / width + 1e-9))]++;
   const digits = width < 0.1 ? 2 : 1;
@@ -18,13 +21,13 @@ function histogram(title, values, width, top, unit, note = '') {
   return bars(title, bins.map((number, place) => [label(place), number]), `${unit}${note}`);
 }
 
-function tally(title, words) {
+export function tally(title, words) {
   const counts = new Map();
   for (const word of words) counts.set(word, (counts.get(word) || 0) + 1);
   return bars(title, [...counts].sort((one, two) => two[1] - one[1]));
 }
 
-function drawCharts(box, rows) {
+export function drawCharts(box, rows) {
   if (page.epochs) return box.append(tally('Changes', words(rows, 'change', '')), tally('Certainty', words(rows, 'certainty', 'none')));
   box.append(histogram('Fit of the models', column(rows, 'rmse_m'), 0.05, 0.5, 'RMSE, m'));
   if (rows.some(row => row.rmse95_m !== undefined)) box.append(histogram('Fit without the worst 5 %', column(rows, 'rmse95_m'), 0.05, 0.5, 'RMSE, m'));
@@ -35,7 +38,7 @@ function drawCharts(box, rows) {
 }
 
 // The attributes and distances of one building.
-function describe(box, row, number, { points, rows }) {
+export function describe(box, row, number, { points, rows }) {
   const list = element('dl');
   const { id, change, certainty, reason, trust, trust_score, review_reason, ...others } = row;
   for (const [name, value] of Object.entries({ id, change, certainty, reason, trust, trust_score, review_reason, ...others })) {

@@ -1,5 +1,7 @@
 // What a user says of buildings, and the file of edits that it makes: id and verdict, as `eaves update --edits` takes them.
-class Verdicts {
+import { byId, page } from './page.js';
+
+export class Verdicts {
   constructor() {
     this.said = new Map();
     this.row = null;

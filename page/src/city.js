@@ -1,14 +1,19 @@
 // A city of any size: every building is a box, but in the squares near the eye, which are fetched as they come near.
-const BOX = 255, NEAR = 1500, NEAR_BUILDINGS = 4000, SQUARES_KEPT = 40, SUNK = 4;
-const NO_TRIANGLES = { xyz: new Float32Array(0), kind: [], epochs: [], count: 0 };
+import { metres, unpackAll, unpackRows } from './arrays.js';
+import { QUALITIES } from './pace.js';
+import { byId, page } from './page.js';
+import { joined, readGrounds, readScene } from './scene.js';
 
-const fetched = async name => {
+export const BOX = 255, NEAR = 1500, NEAR_BUILDINGS = 4000, SQUARES_KEPT = 40, SUNK = 4;
+export const NO_TRIANGLES = { xyz: new Float32Array(0), kind: [], epochs: [], count: 0 };
+
+export const fetched = async name => {
   const answer = await fetch(`${page.city.folder}/${name}.json`);
   if (!answer.ok) throw new Error(`${name}.json: the server answers with status ${answer.status}`);
   return answer.json();
 };
 
-class City {
+export class City {
   constructor(boxes) {
     const rows = Array.from(boxes.box_lod, () => ({}));
     Object.assign(this, { rows, squares: page.city.squares, scenes: new Map(), near: [], busy: false });

@@ -1,7 +1,8 @@
 // Where the eye is: it turns about a target; angles in radians, lengths in metres.
-const FIELD = 0.7, STEEPEST = Math.PI / 2 - 1e-4;
 
-class Camera {
+export const FIELD = 0.7, STEEPEST = Math.PI / 2 - 1e-4;
+
+export class Camera {
   constructor(box, aspect) {
     Object.assign(this, { box, aspect });
     this.reset();

@@ -1,8 +1,11 @@
 // A map below and addresses, from servers that a person chooses: nothing is requested before, and never by what an address of the page says.
-const TILE = 256, MOST_TILES = 144, WIDEST = 16, FINEST_ZOOM = 19;
-const OSM_CREDIT = '© OpenStreetMap contributors';
+import { byId, element, page } from './page.js';
+import { boxOf } from './scene.js';
 
-class Network {
+export const TILE = 256, MOST_TILES = 144, WIDEST = 16, FINEST_ZOOM = 19;
+export const OSM_CREDIT = '© OpenStreetMap contributors';
+
+export class Network {
   constructor(viewer) {
     Object.assign(this, { viewer, asked: 0 });
     byId('network').hidden = !page.world;

@@ -1,8 +1,11 @@
 // Distances: places are picked on what is shown, joined to corners and points nearby, and drawn over the scene.
-const SNAP = 9, SVG = 'http://www.w3.org/2000/svg';
+import { byId, page } from './page.js';
+import { hitTriangle, sightOf } from './pick.js';
+
+export const SNAP = 9, SVG = 'http://www.w3.org/2000/svg';
 
 // The place [x, y, z] under the pointer: a corner of a model or a point nearby, else where the ray meets a surface.
-function pickPlace(viewer, x, y) {
+export function pickPlace(viewer, x, y) {
   const { camera, canvas, layers, scene } = viewer, sight = sightOf(camera, canvas.clientWidth, canvas.clientHeight, x, y);
   const onSide = viewer.epochs.seenAt(x);
   let depth = Infinity;
@@ -28,7 +31,7 @@ function pickPlace(viewer, x, y) {
   return best;
 }
 
-class Ruler {
+export class Ruler {
   constructor(viewer) {
     Object.assign(this, { viewer, places: [], active: false });
     this.sheet = document.createElementNS(SVG, 'svg');
@@ -39,6 +42,7 @@ class Ruler {
 
   toggle(on = !this.active) {
     this.active = on;
+    if (on) this.viewer.tools.stop();
     if (!on) this.places = [];
     byId('measure').setAttribute('aria-pressed', on);
     byId('status').textContent = on ? 'measuring: click on places; Escape ends it' : 'measuring ended';

@@ -1,5 +1,5 @@
 // When what is drawn: all of it where the machine keeps up; else less while it moves, and all of it once it rests.
-const QUALITIES = [
+export const QUALITIES = [
   { scale: 1, smooth: true, points: Infinity, ground: 0, lines: true },
   { scale: 1, smooth: false, points: 120000, ground: 1, lines: true },
   { scale: 0.7, smooth: false, points: 40000, ground: 2, lines: true },
@@ -8,9 +8,9 @@ const QUALITIES = [
 ];
 // Milliseconds: a frame that takes longer is drawn coarser, one that is shorter may get finer, and how long it
 // rests before the whole picture is drawn.
-const LONG = 45, SHORT = 22, REST = 160;
+export const LONG = 45, SHORT = 22, REST = 160;
 
-class Pace {
+export class Pace {
   constructor(painter, before, after) {
     Object.assign(this, { painter, before, after, quality: 0, asked: 0, painted: 0, running: false, easy: 0 });
   }

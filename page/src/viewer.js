@@ -1,142 +1,25 @@
-// Everything together: decode, build the layers, handle events.
-const byId = name => document.getElementById(name);
-const page = JSON.parse(byId('data').textContent);
-
-// A scene out of arrays: what the page embeds, or one square of a city. It brings along all that is computed once.
-function readScene(arrays, terrain = page.terrain) {
-  const order = shuffled(arrays.point_class.length), mixed = (values, width) => reordered(values, order, width);
-  const epochsOf = (values, count) => values || new Uint8Array(count);
-  const points = {
-    xyz: metres(mixed(arrays.point_xyz, 3)), epochs: mixed(epochsOf(arrays.point_epoch, order.length), 1), classification: mixed(arrays.point_class, 1), building: mixed(arrays.point_building, 1),
-    plane: mixed(arrays.point_plane, 1), distance: mixed(arrays.point_distance, 1), count: order.length, base: page.base,
-  };
-  const triangles = {
-    xyz: metres(arrays.triangle_xyz), building: arrays.triangle_building, lod: arrays.triangle_lod,
-    epochs: epochsOf(arrays.triangle_epoch, arrays.triangle_lod.length), kind: arrays.triangle_kind, error: arrays.triangle_error, count: arrays.triangle_lod.length,
-  };
-  Object.assign(triangles, slopes(triangles));
-  const edges = { xyz: metres(arrays.edge_xyz), building: arrays.edge_building, lod: arrays.edge_lod, epochs: epochsOf(arrays.edge_epoch, arrays.edge_lod.length), count: arrays.edge_lod.length };
-  const prints = { xyz: metres(arrays.outline_xyz), building: arrays.outline_building, epochs: epochsOf(arrays.outline_epoch, arrays.outline_building.length), count: arrays.outline_building.length };
-  const grounds = readGrounds(arrays.terrain, terrain, triangles);
-  points.over = pointsOverRoofs(points, triangles);
-  return { points, triangles, edges, prints, grounds };
-}
-
-// The terrain of every epoch as a mesh, shaded by what stands on it.
-function readGrounds(whole, terrain, triangles) {
-  const heights = metres(whole), cells = terrain.rows * terrain.columns;
-  return (page.epochs ? [1, 2] : [0]).map((epoch, place) => {
-    const grid = { ...terrain, epoch, heights: heights.subarray(place * cells, (place + 1) * cells) };
-    return { ...terrainMesh(grid), light: groundShade(grid, triangles) };
-  });
-}
-
-// Several scenes as one: their arrays end to end.
-function joined(scenes) {
-  if (scenes.length === 1) return scenes[0];
-  const join = parts => Object.fromEntries(Object.entries(parts[0]).map(([name, first]) => {
-    if (name === 'count') return [name, parts.reduce((sum, part) => sum + part.count, 0)];
-    if (!ArrayBuffer.isView(first)) return [name, first];
-    const all = new first.constructor(parts.reduce((sum, part) => sum + part[name].length, 0));
-    let place = 0;
-    for (const part of parts) {
-      all.set(part[name], place);
-      place += part[name].length;
-    }
-    return [name, all];
-  }));
-  const [points, triangles, edges, prints] = ['points', 'triangles', 'edges', 'prints'].map(name => join(scenes.map(scene => scene[name])));
-  return { points, triangles, edges, prints, grounds: scenes.flatMap(scene => scene.grounds) };
-}
-
-// The numbers below `count` in an order without a pattern, the same every time: the first of them are a fair sample.
-function shuffled(count) {
-  const order = Uint32Array.from({ length: count }, (_, place) => place);
-  for (let place = count - 1, state = 1; place > 0; place--) {
-    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
-    const other = Math.floor(state / 2 ** 32 * (place + 1)), kept = order[place];
-    order[place] = order[other];
-    order[other] = kept;
-  }
-  return order;
-}
-
-function reordered(values, order, width) {
-  const out = new values.constructor(values.length);
-  for (let place = 0; place < order.length; place++) for (let k = 0; k < width; k++) out[width * place + k] = values[width * order[place] + k];
-  return out;
-}
-
-// Slope and azimuth (degrees, clockwise from north) of every triangle.
-function slopes({ xyz, count }) {
-  const slope = new Float32Array(count), azimuth = new Float32Array(count);
-  for (let number = 0, at = 0; number < count; number++, at += 9) {
-    const ux = xyz[at + 3] - xyz[at], uy = xyz[at + 4] - xyz[at + 1], uz = xyz[at + 5] - xyz[at + 2];
-    const vx = xyz[at + 6] - xyz[at], vy = xyz[at + 7] - xyz[at + 1], vz = xyz[at + 8] - xyz[at + 2];
-    const east = uy * vz - uz * vy, north = uz * vx - ux * vz, up = ux * vy - uy * vx;
-    slope[number] = Math.acos(Math.min(1, Math.abs(up) / (Math.hypot(east, north, up) || 1))) * 180 / Math.PI;
-    azimuth[number] = (Math.atan2(east, north) * 180 / Math.PI + 360) % 360;
-  }
-  return { slope, azimuth };
-}
-
-const repeated = (numbers, times) => {
-  const out = new Uint32Array(numbers.length * times);
-  for (let place = 0; place < out.length; place++) out[place] = numbers[Math.floor(place / times)];
-  return out;
-};
-
-// A terrain's vertices, and its triangles over every cell, every second, fourth and eighth.
-function terrainMesh({ rows, columns, cell, west, north, heights, epoch }) {
-  const position = new Float32Array(3 * rows * columns), missing = place => heights[place] > 1e6;
-  for (let row = 0, place = 0; row < rows; row++) {
-    for (let column = 0; column < columns; column++, place++) position.set([west + (column + 0.5) * cell, north - (row + 0.5) * cell, missing(place) ? 0 : heights[place]], 3 * place);
-  }
-  const stops = (count, step) => [...new Set([...Array(Math.ceil(count / step)).keys()].map(k => k * step).concat(Math.max(0, count - 1)))];
-  const details = [1, 2, 4, 8].map(step => {
-    const indices = [], down = stops(rows, step), along = stops(columns, step);
-    for (let i = 0; i + 1 < down.length; i++) {
-      for (let j = 0; j + 1 < along.length; j++) {
-        const [a, b, c, d] = [down[i] * columns + along[j], down[i + 1] * columns + along[j], down[i] * columns + along[j + 1], down[i + 1] * columns + along[j + 1]];
-        if (!missing(a) && !missing(b) && !missing(c) && !missing(d)) indices.push(a, b, c, c, b, d);
-      }
-    }
-    return Uint32Array.from(indices);
-  });
-  return { position, details, epoch };
-}
-
-function boxOf(scene) {
-  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-  const grow = xyz => { for (let place = 0; place < xyz.length; place++) { low[place % 3] = Math.min(low[place % 3], xyz[place]); high[place % 3] = Math.max(high[place % 3], xyz[place]); } };
-  for (const ground of scene.grounds) grow(ground.position);
-  grow(scene.triangles.xyz);
-  if (!Number.isFinite(low[0])) grow(scene.points.xyz);
-  return Number.isFinite(low[0]) ? { low, high } : { low: [-5, -5, -5], high: [5, 5, 5] };
-}
-
-// A number for each building in each epoch.
-const modelOf = ({ building, epochs }, number) => 3 * building[number] + epochs[number];
-
-// The lowest and the highest place of every building, of its outline and models.
-function spotsOf({ prints, triangles, rows }) {
-  const spots = rows.map(() => ({ low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] }));
-  const grow = (xyz, building, width) => {
-    for (let place = 0; place < xyz.length; place++) {
-      const spot = spots[building[Math.floor(place / width)] - 1], axis = place % 3;
-      spot.low[axis] = Math.min(spot.low[axis], xyz[place]);
-      spot.high[axis] = Math.max(spot.high[axis], xyz[place]);
-    }
-  };
-  grow(prints.xyz, prints.building, 6);
-  grow(triangles.xyz, triangles.building, 9);
-  return spots;
-}
+// The scene on the canvas: layers, colours, what is chosen and where the eye is.
+import { addressOf, obeyAddress } from './address.js';
+import { Camera } from './camera.js';
+import { describe } from './charts.js';
+import { BOX } from './city.js';
+import { LOD_COLOURS, bytes, legend, modelColours, pointColours } from './colours.js';
+import { Painter } from './draw.js';
+import { Epochs } from './epochs.js';
+import { Ruler } from './measure.js';
+import { Network } from './network.js';
+import { Pace, QUALITIES } from './pace.js';
+import { byId, page } from './page.js';
+import { Profile } from './profile.js';
+import { boxOf, modelOf, repeated, spotsOf } from './scene.js';
+import { wallShade } from './shade.js';
+import { Tools } from './tools.js';
+import { Verdicts } from './verdicts.js';
 
 // What is neither ground nor building, mostly trees, lets what stands behind it through.
-const OTHER_OPACITY = 0.45;
+export const OTHER_OPACITY = 0.45;
 
-class Viewer {
+export class Viewer {
   constructor(scene, all) {
     Object.assign(this, { all, table: null, city: null, origin: page.origin });
     const canvas = this.canvas = byId('scene');
@@ -151,6 +34,7 @@ class Viewer {
     this.verdicts = new Verdicts();
     this.epochs = new Epochs(this);
     this.network = new Network(this);
+    this.tools = new Tools(this);
     new ResizeObserver(() => this.ask()).observe(canvas);
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.refresh());
   }
@@ -244,6 +128,10 @@ class Viewer {
 
   ask() { this.pace.ask(); }
 
+  address() { return addressOf(this); }
+
+  obeyAddress(hash) { obeyAddress(this, hash); }
+
   // Where the eye is and what is wanted, for the picture that is drawn next.
   before() {
     this.camera.aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
@@ -268,6 +156,7 @@ class Viewer {
     byId('scale').style.width = `${length / step}px`;
     byId('scale').textContent = `${length < 1 ? length.toFixed(1) : length} m`;
     this.ruler.draw();
+    this.tools.draw();
     byId('needle').style.transform = `rotate(${this.camera.azimuth}rad)`;
   }
 
@@ -302,6 +191,7 @@ class Viewer {
       }
     }
     this.table?.mark(row ? number : -1);
+    for (const done of this.tools?.choosers ?? []) done(row ? number : -1, row);
     this.refresh(); // the points of the chosen building are shown
   }
 

@@ -1,5 +1,6 @@
 // WebGL2: points, triangles and lines, each with a colour and a building; what is not shown is not drawn.
-const VERTEX = `#version 300 es
+
+export const VERTEX = `#version 300 es
 precision highp float;
 in vec3 position; in vec4 colour; in float building;
 uniform mat4 view; uniform float chosen, only, points, strength, fade; uniform vec3 mark, eye;
@@ -14,7 +15,7 @@ void main() {
   epoch = 255.0 * colour.a;
   tint = mine ? vec4(mix(colour.rgb, mark, strength), 1.0) : vec4(colour.rgb, fade);
 }`;
-const FRAGMENT = `#version 300 es
+export const FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 place; in vec4 tint; in float epoch;
 uniform float shaded, points, pictured, split; uniform vec3 eye, lay[4]; uniform sampler2D image;
@@ -35,11 +36,11 @@ void main() {
   }
   result = vec4(own * light, tint.a);
 }`;
-const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade', 'mark', 'shaded', 'eye', 'pictured', 'lay', 'split'];
+export const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade', 'mark', 'shaded', 'eye', 'pictured', 'lay', 'split'];
 // Vertices drawn in one call when a picture may be given up half-way.
-const PIECE = 90000;
+export const PIECE = 90000;
 
-class Painter {
+export class Painter {
   constructor(canvas) {
     const gl = this.gl = canvas.getContext('webgl2', { antialias: false, alpha: false, depth: false });
     if (!gl) throw new Error('this browser gives no WebGL2; the table and the figures below work without it');

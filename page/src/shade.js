@@ -1,8 +1,9 @@
 // Soft shade, once for a scene: ground near what rises is darker, and walls are towards their foot.
-const DARKEST_GROUND = 0.5, FOOT = 0.74, FOOT_HEIGHT = 6, PLAN_CELLS = 4e6;
+
+export const DARKEST_GROUND = 0.5, FOOT = 0.74, FOOT_HEIGHT = 6, PLAN_CELLS = 4e6;
 
 // Heights of an epoch's upward faces over the cells of the terrain; −Infinity where there are none.
-function roofHeights({ rows, columns, cell, west, north, epoch }, { xyz, kind, epochs, count }) {
+export function roofHeights({ rows, columns, cell, west, north, epoch }, { xyz, kind, epochs, count }) {
   const heights = new Float32Array(rows * columns).fill(-Infinity);
   for (let number = 0, at = 0; number < count; number++, at += 9) {
     if (kind[number] === 1 || epochs[number] !== epoch) continue;
@@ -23,7 +24,7 @@ function roofHeights({ rows, columns, cell, west, north, epoch }, { xyz, kind, e
 }
 
 // How bright (0 to 1) every vertex of the ground is: the mean over eight directions of the sky that is left.
-function groundShade(terrain, triangles) {
+export function groundShade(terrain, triangles) {
   const { rows, columns, cell, heights } = terrain, tops = roofHeights(terrain, triangles), bright = new Float32Array(rows * columns).fill(1);
   const ways = [[0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [-1, -1], [-1, 0], [-1, 1]], steps = [1, 2, 3, 5, 8];
   for (let row = 0, place = 0; row < rows; row++) {
@@ -46,7 +47,7 @@ function groundShade(terrain, triangles) {
 }
 
 // Which points (1 or 0) lie in the plan of a roof: of what is no building, they would hide it.
-function pointsOverRoofs({ xyz, epochs, count }, triangles) {
+export function pointsOverRoofs({ xyz, epochs, count }, triangles) {
   const low = [Infinity, Infinity], high = [-Infinity, -Infinity], over = new Uint8Array(count);
   for (let place = 0; place < triangles.xyz.length; place += 3) {
     for (const axis of [0, 1]) {
@@ -66,4 +67,4 @@ function pointsOverRoofs({ xyz, epochs, count }, triangles) {
 }
 
 // How bright a corner of a wall is, by its height over the building's lowest place.
-const wallShade = over => FOOT + (1 - FOOT) * Math.min(1, Math.max(0, over / FOOT_HEIGHT));
+export const wallShade = over => FOOT + (1 - FOOT) * Math.min(1, Math.max(0, over / FOOT_HEIGHT));

@@ -1,8 +1,12 @@
 // Heights along the measured line: the models and the ground cut upright, points beside the line, and a cursor.
-const BESIDE = 0.5, FRAME = { left: 46, right: 12, top: 18, bottom: 24 };
+import { CLASSES, NOTHING } from './colours.js';
+import { SVG } from './measure.js';
+import { byId, page } from './page.js';
+
+export const BESIDE = 0.5, FRAME = { left: 46, right: 12, top: 18, bottom: 24 };
 
 // Where triangles (three vertices each in `list`) are cut by the upright plane through a line: [s, z, s, z, name].
-function cutUpright(xyz, list, one, two, name) {
+export function cutUpright(xyz, list, one, two, name) {
   const long = Math.hypot(two[0] - one[0], two[1] - one[1]), [east, north] = [(two[0] - one[0]) / long, (two[1] - one[1]) / long], pieces = [];
   for (let place = 0; place < list.length; place += 3) {
     const ends = [];
@@ -25,7 +29,7 @@ function cutUpright(xyz, list, one, two, name) {
   return pieces;
 }
 
-class Profile {
+export class Profile {
   constructor(viewer) {
     Object.assign(this, { viewer, on: false, pieces: [], dots: [], whole: 0, box: byId('profile') });
     byId('profiling').addEventListener('click', () => this.toggle());

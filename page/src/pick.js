@@ -1,8 +1,10 @@
 // Which building is under the pointer: a ray through what is shown, so that no picture has to be drawn for it.
-const NEAR_ENOUGH = 4;
+import { FIELD } from './camera.js';
+
+export const NEAR_ENOUGH = 4;
 
 // Answers for a place (x, y, z) its distance from the pointer in pixels and its depth.
-function sightOf(camera, width, height, x, y) {
+export function sightOf(camera, width, height, x, y) {
   const { right, up, back } = camera.axes(), eye = camera.eye(), tall = Math.tan(FIELD / 2);
   const dot = (axis, px, py, pz) => axis[0] * (px - eye[0]) + axis[1] * (py - eye[1]) + axis[2] * (pz - eye[2]);
   const seen = (px, py, pz) => {
@@ -19,7 +21,7 @@ function sightOf(camera, width, height, x, y) {
 }
 
 // How far along the ray a triangle (nine numbers from `at`) is hit; Infinity when it is not.
-function hitTriangle(xyz, at, [fx, fy, fz], [dx, dy, dz]) {
+export function hitTriangle(xyz, at, [fx, fy, fz], [dx, dy, dz]) {
   const ax = xyz[at], ay = xyz[at + 1], az = xyz[at + 2];
   const ux = xyz[at + 3] - ax, uy = xyz[at + 4] - ay, uz = xyz[at + 5] - az, vx = xyz[at + 6] - ax, vy = xyz[at + 7] - ay, vz = xyz[at + 8] - az;
   const px = dy * vz - dz * vy, py = dz * vx - dx * vz, pz = dx * vy - dy * vx, size = ux * px + uy * py + uz * pz;
@@ -31,7 +33,7 @@ function hitTriangle(xyz, at, [fx, fy, fz], [dx, dy, dz]) {
 }
 
 // The number of the building nearest to the eye under a place of the canvas (pixels of the page); 0 for none.
-function pickBuilding(viewer, x, y) {
+export function pickBuilding(viewer, x, y) {
   const { camera, canvas, layers, look, scene } = viewer, { triangles, points, prints } = scene;
   const { seen, from, along } = sightOf(camera, canvas.clientWidth, canvas.clientHeight, x, y);
   const onSide = viewer.epochs.seenAt(x);

@@ -1,14 +1,16 @@
 // The table of all buildings: only the lines in sight are in the page, so that a city's are no burden.
-const LINES_MORE = 12;
+import { element, figure, page } from './page.js';
+
+export const LINES_MORE = 12;
 
 // Without a model, then by rising probability of being right, as the layer review has them; where a run does not say it, coarser than asked for and by falling distance of the points to the roof.
-function worstFirst(rows) {
+export function worstFirst(rows) {
   const without = row => row.lod === null || row.lod === undefined, rank = row => (without(row) ? 2 : row.failure_code ? 1 : 0), fit = row => row.rmse_m ?? 0;
   const right = row => (without(row) ? 0 : row.trust_score ?? 1);
   return rows.map((_, number) => number).sort((one, two) => right(rows[one]) - right(rows[two]) || rank(rows[two]) - rank(rows[one]) || fit(rows[two]) - fit(rows[one]) || one - two);
 }
 
-class Table {
+export class Table {
   constructor(table, columns, rows, choose) {
     Object.assign(this, { table, columns, rows, choose, column: null, up: true, order: worstFirst(rows), at: 0, marked: -1 });
     this.box = table.parentElement;
@@ -104,6 +106,24 @@ class Table {
     });
     this.at = 0;
     this.box.scrollTop = 0;
+    this.fill();
+  }
+
+  // A new row, at the top.
+  add(number) {
+    this.order = [number, ...this.order.map(other => other + (other >= number ? 1 : 0))];
+    this.update();
+  }
+
+  remove(number) {
+    this.order = this.order.filter(other => other !== number);
+    this.update();
+  }
+
+  // Rows have changed.
+  update() {
+    this.state = '';
+    this.table.setAttribute('aria-rowcount', this.order.length + 1);
     this.fill();
   }
 

@@ -1,11 +1,13 @@
 // Two epochs in one scene: the old one is drawn left of the slider, the new one right of it.
-const HANDLE = 15; // half the width of the slider's handle, in pixels
-const CHANGES = {
+import { byId, element, page } from './page.js';
+
+export const HANDLE = 15; // half the width of the slider's handle, in pixels
+export const CHANGES = {
   new: '#0a8f3c', demolished: '#d0302f', raised: '#7a3fd1', lowered: '#b8529e', extended: '#2f9fd0', 'partly demolished': '#e2711d',
   'roof replaced': '#c79a00', unclear: '#6b7280', 'not covered': '#9aa4af', unchanged: '#d9d3c5',
 };
 
-class Epochs {
+export class Epochs {
   constructor(viewer) {
     this.canvas = viewer.canvas;
     if (!page.epochs) return;
