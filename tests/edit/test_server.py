@@ -59,17 +59,17 @@ def test_the_page_is_sent_and_a_building_edited__drawn_and_undone(table: Caller)
     status, page = table.ask("", method="GET")
     assert status == 200 and b'"edit":{"plans":' in page
     opened = table.call("state")
-    assert (opened["undo"], opened["gone"], opened["rows"]) == (False, [], [])
+    assert (opened["undo"], opened["gone"], opened["changed"]) == (False, [], [])
     name = next(iter(table.desk.session.outlines))
     changed = table.call("act", {"do": "state", "id": name, "verdict": "flat roof"})
-    assert [row["id"] for row in changed["rows"]] == [name] and changed["undo"]
-    assert changed["rows"][0]["trust"] == "manual"
-    assert {"triangle_xyz", "edge_xyz", "outline_xyz"} <= changed["arrays"].keys()
-    assert list(table.call("state")["plans"]) == [name]
+    (one,) = changed["changed"]
+    assert (one["row"]["id"], one["row"]["trust"], changed["undo"]) == (name, "manual", True)
+    assert {"triangle_xyz", "edge_xyz", "outline_xyz"} <= one["arrays"].keys()
+    assert [each["row"]["id"] for each in table.call("state")["changed"]] == [name]
     assert len(table.call("choices", {"id": name})["choices"]) == 3
     assert table.call("act", {"do": "delete", "id": name})["gone"] == [name]
-    assert list(table.call("undo")["plans"]) == [name]
-    assert table.call("look")["plans"] == {}
+    assert [each["row"]["id"] for each in table.call("undo")["changed"]] == [name]
+    assert table.call("look")["changed"] == []
     assert "1 buildings modelled" in table.call("save")["saved"]
 
 

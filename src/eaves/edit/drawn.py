@@ -56,23 +56,23 @@ def plan_of(polygon: Any, origin: tuple[float, float]) -> list[list[list[float]]
 
 
 def drawn(contents: Contents, buildings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """What the page draws of buildings: rows, arrays and plans of those that are there, ids of the others.
+    """What the page draws of buildings: row, arrays and plan of each that is there, the ids of the others."""
+    there = [drawn_building(contents, saved, folder) for saved in buildings.values() if saved is not None]
+    return {"changed": there, "gone": [name for name, saved in buildings.items() if saved is None]}
 
-    The models go through the same file and functions as those of a whole page.
-    """
-    there = {name: saved for name, saved in buildings.items() if saved is not None}
-    rows = [saved.row.numbered(0, None) for saved in there.values()]
-    shapes = [saved.row.polygon for saved in there.values()]
+
+def drawn_building(contents: Contents, saved: Any, folder: Path) -> dict[str, Any]:
+    """Row, arrays and plan of a building; its model goes through the same file and functions as those of a
+    whole page."""
+    row, shape, nothing = saved.row.numbered(0, None), saved.row.polygon, np.zeros((0, 0), np.float32)
     with tempfile.TemporaryDirectory(dir=folder) as place:
         models = Path(place) / "changed.city.jsonl"
-        write_cityjson_seq(models, [saved.result.outcome for saved in there.values()], contents.system)
-        nothing = np.zeros((0, 0), np.float32)
-        some = contents.filled(rows, shapes, models if there else None, Sample.empty(), nothing, None)
+        write_cityjson_seq(models, [saved.result.outcome], contents.system)
+        some = contents.filled([row], [shape], models, Sample.empty(), nothing, None)
     arrays = iter_arrays(replace(some, terrain=contents.terrain))
     kept = ((name, values) for name, values in arrays if not name.startswith(GONE))
-    words: dict[str, Any] = json.loads("".join(iter_data({"rows": rows}, kept)))
-    plans = {name: plan_of(shape, contents.origin) for name, shape in zip(there, shapes, strict=True)}
-    return {**words, "plans": plans, "gone": [name for name, saved in buildings.items() if saved is None]}
+    words: dict[str, Any] = json.loads("".join(iter_data({"row": row}, kept)))
+    return {**words, "plan": plan_of(shape, contents.origin)}
 
 
 def queue_of(

@@ -1,6 +1,6 @@
 // The operator's table: the queue, the tools, and the calls to the server of this computer.
 import { Tools } from './tools.js';
-import { byId, viewerOf } from './view.js';
+import { byId, viewOf } from './view.js';
 
 /** @typedef {import('./geometry.js').Place} Place */
 /** @typedef {{ id: string, worth_m2: number, reason: string, marks: Place[][], reviewed: { date: string, verdict: string } | null }} Entry */
@@ -35,7 +35,7 @@ const say = (/** @type {string} */ words, trouble = false) => {
 /** Draws what a call changed. */
 async function show(/** @type {any} */ answer) {
   for (const id of answer.gone) delete plans[id];
-  Object.assign(plans, answer.plans);
+  for (const { row, plan } of answer.changed) plans[row.id] = plan;
   await view.replace(answer);
   for (const entry of queue) {
     const verdict = answer.reviewed[entry.id];
@@ -198,7 +198,7 @@ function listen() {
 }
 
 async function start() {
-  view = await viewerOf();
+  view = await viewOf();
   tools = new Tools(view, plans, act, say);
   const opened = await call('state');
   queue = opened.queue;
@@ -212,7 +212,7 @@ async function start() {
   document.documentElement.dataset.busy = 'no';
   setInterval(() => {
     if (document.hidden || document.documentElement.dataset.busy === 'yes') return;
-    call('look').then(answer => (answer.rows.length || answer.gone.length) && show(answer).then(() => say('another program changed edits: they are shown')), () => say('the server has ended; all is kept', true));
+    call('look').then(answer => (answer.changed.length || answer.gone.length) && show(answer).then(() => say('another program changed edits: they are shown')), () => say('the server has ended; all is kept', true));
   }, LOOK_MS);
 }
 
