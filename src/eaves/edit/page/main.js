@@ -57,6 +57,7 @@ function change(/** @type {string} */ name, /** @type {unknown} */ words = null,
     try {
       say('…');
       const answer = await call(name, words);
+      document.documentElement.dataset.answered = ((performance.now() - began) / 1000).toFixed(3);
       await show(answer);
       const seconds = (performance.now() - began) / 1000;
       document.documentElement.dataset.seconds = seconds.toFixed(3);
@@ -193,7 +194,7 @@ function listen() {
     if (event.key !== 'Enter') return;
     byId('heights').hidden = true;
     act({ do: 'state', id: view.chosen, verdict: byId('height').dataset.verdict, value: Number(byId('height').value) });
-    view.viewer.canvas.focus();
+    view.canvas.focus();
   });
 }
 

@@ -63,7 +63,7 @@ export class Tools {
       view.above();
       this.say(HINTS[/** @type {keyof typeof HINTS} */ (this.name)]);
     }
-    view.viewer.canvas.style.cursor = this.name ? 'crosshair' : '';
+    view.canvas.style.cursor = this.name ? 'crosshair' : '';
     for (const button of document.querySelectorAll('[data-tool]')) button.setAttribute('aria-pressed', String(/** @type {HTMLElement} */ (button).dataset.tool === this.name));
     this.draw();
   }
@@ -81,17 +81,17 @@ export class Tools {
   }
 
   listen() {
-    const { view } = this, stage = view.viewer.canvas.parentElement;
+    const { view } = this, stage = /** @type {HTMLElement} */ (view.canvas.parentElement);
     const stop = (/** @type {Event} */ event) => { event.stopPropagation(); event.preventDefault(); };
     let moved = 0;
     stage.addEventListener('pointerdown', (/** @type {PointerEvent} */ event) => {
-      if (!this.name || event.button || event.shiftKey || event.target !== view.viewer.canvas) return;
+      if (!this.name || event.button || event.shiftKey || event.target !== view.canvas) return;
       const place = view.under(event, this.height);
       if (!place) return;
       moved = 0;
       if (this.name === 'corners' && !this.grip(place)) return;
-      view.viewer.canvas.focus({ preventScroll: true });
-      view.viewer.canvas.setPointerCapture(event.pointerId);
+      view.canvas.focus({ preventScroll: true });
+      view.canvas.setPointerCapture(event.pointerId);
       stop(event);
     }, true);
     stage.addEventListener('pointermove', (/** @type {PointerEvent} */ event) => {
@@ -108,7 +108,7 @@ export class Tools {
       }
     }, true);
     stage.addEventListener('pointerup', (/** @type {PointerEvent} */ event) => {
-      if (!this.name || event.button || event.target !== view.viewer.canvas) return;
+      if (!this.name || event.button || event.target !== view.canvas) return;
       const place = view.under(event, this.height);
       if (!place) return;
       if (this.held) {

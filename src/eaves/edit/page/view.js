@@ -20,17 +20,17 @@ export const viewOf = () => new Promise(done => {
 export class View {
   /** @param {Tools} page */
   constructor(page) {
-    const { viewer } = page;
     this.page = page;
-    this.viewer = viewer;
+    this.viewer = /** @type {any} */ (page.viewer);
+    this.canvas = /** @type {HTMLCanvasElement} */ (byId('scene'));
     this.sheet = document.createElementNS(SVG, 'svg');
     this.sheet.id = 'sheet';
-    viewer.canvas.after(this.sheet);
+    this.canvas.after(this.sheet);
     /** @type {() => void} */
     this.draw = () => {};
     let last = '';
     const watch = () => {
-      const { camera, canvas } = viewer, now = [camera.azimuth, camera.elevation, camera.distance, camera.flat, ...camera.target, canvas.clientWidth, canvas.clientHeight].join();
+      const { canvas, viewer: { camera } } = this, now = [camera.azimuth, camera.elevation, camera.distance, camera.flat, ...camera.target, canvas.clientWidth, canvas.clientHeight].join();
       if (now !== last) this.draw();
       last = now;
       requestAnimationFrame(watch);
@@ -41,7 +41,7 @@ export class View {
   get chosen() { return this.page.rows[this.page.chosen]?.id ?? ''; }
 
   /** @param {string} id */
-  number(id) { return this.page.rows.findIndex(row => row.id === id); }
+  number(id) { return this.page.rows.findIndex((/** @type {Row} */ row) => row.id === id); }
 
   /** @param {string} id */
   row(id) { return this.page.rows[this.number(id)]; }
@@ -65,7 +65,7 @@ export class View {
   }
 
   /** Metres a pixel covers. */
-  get step() { return this.viewer.camera.step(this.viewer.canvas.clientHeight); }
+  get step() { return this.viewer.camera.step(this.canvas.clientHeight); }
 
   /** Where a place at a height is on the canvas; null behind the eye.
    * @param {Place} place
@@ -81,7 +81,7 @@ export class View {
    * @param {number} z
    * @returns {Place | null} */
   under(event, z) {
-    const box = this.viewer.canvas.getBoundingClientRect(), [x, y] = this.page.at(event.clientX - box.left, event.clientY - box.top).level(z);
+    const box = this.canvas.getBoundingClientRect(), [x, y] = this.page.at(event.clientX - box.left, event.clientY - box.top).level(z);
     return Number.isFinite(x + y) ? [x, y] : null;
   }
 
