@@ -109,6 +109,7 @@ def test_a_corner_is_dragged__undone_and_an_edge_moved(table: Table, tmp_path: P
     assert table.session.outlines[name].area > before.area + 1.0
 
 
+@pytest.mark.slow
 def test_a_building_is_split_by_two_clicks__and_joined(table: Table) -> None:
     name, before = next(iter(table.session.outlines.items()))
     west, south, east, north = before.bounds
@@ -130,6 +131,7 @@ def test_a_building_is_split_by_two_clicks__and_joined(table: Table) -> None:
     assert table.browser.run(drawn.replace("ID", second)) == 0
 
 
+@pytest.mark.slow
 def test_a_rectangle_is_drawn_by_three_clicks__and_deleted_by_a_key(table: Table) -> None:
     name, outline = next(iter(table.session.outlines.items()))
     table.choose(name)
@@ -144,6 +146,7 @@ def test_a_rectangle_is_drawn_by_three_clicks__and_deleted_by_a_key(table: Table
     assert table.session.outlines[name].symmetric_difference(outline).area < 0.3 * outline.area
 
 
+@pytest.mark.slow
 def test_keys_alone_move_a_corner__and_make_a_roof_flat(table: Table) -> None:
     name, before = next(iter(table.session.outlines.items()))
     table.choose(name)
