@@ -1,7 +1,7 @@
 """The operator's table: seconds of each change, and the review of a run gone through in the real page.
 
-`python -m benchmarks.speed.operator OUT … [--first 50]`: each OUT is a run built with --keep, which stays as it
-is. Every building is modelled by each of some verdicts in a session, then the first of the review are gone
+`python -m benchmarks.speed.operator OUT … [--first 50]`: each OUT is a run built with --keep, which stays as
+it is. Every building is modelled by each of some verdicts in a session, then the first of the review are gone
 through in a browser by a script, mouse and keys: it does what the reason asks for, which is no judgement of a
 person. Counted are keys, clicks and drags, and the seconds until the answer is there, and until it is drawn.
 """
