@@ -1,16 +1,20 @@
 // The address of the page behind '#': what is seen, so that whoever opens it sees the same.
-import { byId } from './page.js';
+import { byId, field } from './page.js';
 import { worstFirst } from './table.js';
 
+/** @import { Viewer } from './viewer.js' */
+
 // Names in the address, and their controls.
-export const SETTINGS = [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size'], ['swipe', 'swipe']];
+const SETTINGS = [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size'], ['swipe', 'swipe']];
 
 // The settings of the address behind '#': building=… (or id=…; building=worst is the one to look at first)&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
+/** @param {Viewer} viewer @param {string} [hash] */
 export function obeyAddress(viewer, hash = location.hash) {
   const given = new URLSearchParams(hash.slice(1));
-  if (given.has('theme')) document.documentElement.dataset.theme = given.get('theme');
-  for (const [name, control] of SETTINGS) if (given.has(name)) byId(control).value = given.get(name);
-  for (const [name, on] of [['on', true], ['off', false]]) for (const box of (given.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
+  const theme = given.get('theme');
+  if (theme) document.documentElement.dataset.theme = theme;
+  for (const [name, control] of SETTINGS) if (given.has(name)) field(control).value = given.get(name) ?? '';
+  for (const [name, on] of /** @type {const} */ ([['on', true], ['off', false]])) for (const box of (given.get(name) || '').split(',')) if (byId(box)) field(box).checked = on;
   viewer.refresh();
   const wanted = given.get('building') ?? given.get('id');
   if (wanted === 'worst') viewer.choose(worstFirst(viewer.all)[0] ?? -1);
@@ -31,12 +35,13 @@ export function obeyAddress(viewer, hash = location.hash) {
 }
 
 // The address of what is seen now: whoever opens it sees the same.
+/** @param {Viewer} viewer */
 export function addressOf(viewer) {
   const { camera, look, all } = viewer, settings = new URLSearchParams(), theme = document.documentElement.dataset.theme;
   if (theme) settings.set('theme', theme);
-  for (const [name, control] of SETTINGS) if (byId(control).value !== initial[control]) settings.set(name, byId(control).value);
-  const boxes = [...document.querySelectorAll('#controls input[type=checkbox]')].filter(box => box.checked !== box.defaultChecked);
-  for (const [name, on] of [['on', true], ['off', false]]) {
+  for (const [name, control] of SETTINGS) if (field(control).value !== initial[control]) settings.set(name, field(control).value);
+  const boxes = [.../** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll('#controls input[type=checkbox]'))].filter(box => box.checked !== box.defaultChecked);
+  for (const [name, on] of /** @type {const} */ ([['on', true], ['off', false]])) {
     const ids = boxes.filter(box => box.checked === on).map(box => box.id);
     if (ids.length) settings.set(name, ids.join());
   }
@@ -48,13 +53,16 @@ export function addressOf(viewer) {
   return `#${settings.toString().replaceAll('%2C', ',')}`;
 }
 
-export const initial = {};
+/** @type {Record<string, string>} */
+const initial = {};
 
 // Keeps the address up to date once a person has touched the page; not while it moves.
+/** @param {Viewer} viewer */
 export function keepAddress(viewer) {
-  for (const [, control] of SETTINGS) initial[control] = byId(control).value;
+  for (const [, control] of SETTINGS) initial[control] = field(control).value;
   if (location.protocol === 'about:') return; // within another page, which has the address
-  let waiting = 0;
+  /** @type {ReturnType<typeof setTimeout>} */
+  let waiting;
   const later = () => {
     clearTimeout(waiting);
     waiting = setTimeout(() => history.replaceState(null, '', addressOf(viewer)), 400);

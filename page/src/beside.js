@@ -1,18 +1,24 @@
 // Two pages that turn together: what moves in one is brought to the other, over the difference of their origins.
-const frames = [...document.querySelectorAll('iframe')].map(frame => frame.contentWindow);
+
+/** @import { Box } from './types.js' */
+/** @import { Viewer } from './viewer.js' */
+const windows = [...document.querySelectorAll('iframe')].map(frame => /** @type {Window} */ (frame.contentWindow));
 const NEAR = 10;
 
+/** @param {Viewer} viewer */
 const world = ({ camera, origin }) => JSON.stringify([camera.azimuth, camera.elevation, camera.distance, camera.flat, ...camera.target.map((value, axis) => value + origin[axis])]);
 
+/** @param {Viewer} viewer @param {string} state */
 function follow(viewer, state) {
   const [azimuth, elevation, distance, flat, ...target] = JSON.parse(state);
-  Object.assign(viewer.camera, { azimuth, elevation, distance, flat, target: target.map((value, axis) => value - viewer.origin[axis]) });
+  Object.assign(viewer.camera, { azimuth, elevation, distance, flat, target: target.map((/** @type {number} */ value, /** @type {number} */ axis) => value - viewer.origin[axis]) });
   viewer.ask();
 }
 
 // The building of one run that stands where the chosen one of the other does; −1 when there is none within a few metres.
+/** @param {Viewer} from @param {Viewer} to */
 function counterpart(from, to) {
-  const middle = ({ low, high }, { origin }) => [0, 1].map(axis => (low[axis] + high[axis]) / 2 + origin[axis]);
+  const middle = (/** @type {Box} */ { low, high }, /** @type {Viewer} */ { origin }) => [0, 1].map(axis => (low[axis] + high[axis]) / 2 + origin[axis]);
   const spot = from.spots[from.look.chosen - 1];
   if (!spot) return -1;
   const [x, y] = middle(spot, from), away = to.spots.map(other => Math.hypot(middle(other, to)[0] - x, middle(other, to)[1] - y));
@@ -20,8 +26,9 @@ function counterpart(from, to) {
   return away[nearest] <= NEAR ? nearest : -1;
 }
 
+/** @param {Viewer[]} viewers */
 function begin(viewers) {
-  for (const frame of frames) frame.document.documentElement.dataset.framed = 'yes';
+  for (const frame of windows) frame.document.documentElement.dataset.framed = 'yes';
   viewers[0].obeyAddress(location.hash);
   follow(viewers[1], world(viewers[0]));
   let seen = viewers.map(world), chosen = viewers.map(() => 0), kept = '';
@@ -41,7 +48,7 @@ function begin(viewers) {
 }
 
 const waiting = setInterval(() => {
-  const viewers = frames.map(frame => frame.eaves);
+  const viewers = windows.map(frame => frame.eaves);
   if (viewers.some(viewer => !viewer)) return;
   clearInterval(waiting);
   begin(viewers);

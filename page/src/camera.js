@@ -1,10 +1,24 @@
 // Where the eye is: it turns about a target; angles in radians, lengths in metres.
 
+/** @import { Box, Place } from './types.js' */
+
 export const FIELD = 0.7, STEEPEST = Math.PI / 2 - 1e-4;
 
 export class Camera {
+  azimuth = 0;
+  elevation = 0.8;
+  distance = 1;
+  flat = false;
+  size = 1;
+  wide = 1;
+  deep = 1;
+  /** @type {Place} */
+  target = [0, 0, 0];
+
+  /** @param {Box} box @param {number} aspect */
   constructor(box, aspect) {
-    Object.assign(this, { box, aspect });
+    this.box = box;
+    this.aspect = aspect;
     this.reset();
   }
 
@@ -45,21 +59,26 @@ export class Camera {
   }
 
   // From above, all of it when nothing is looked at in particular.
+  /** @param {boolean} all */
   above(all) {
     Object.assign(this, { azimuth: 0, elevation: STEEPEST, flat: true });
     if (all) this.distance = 1.06 * Math.max(this.deep, this.wide / this.aspect) / (2 * Math.tan(FIELD / 2));
   }
 
+  /** @param {number} [quarter] */
   side(quarter = 0) { Object.assign(this, { azimuth: quarter * Math.PI / 2, elevation: 0.02, flat: true }); }
 
+  /** @param {number} right @param {number} up */
   turn(right, up) {
     this.azimuth += right;
     this.elevation = Math.min(STEEPEST, Math.max(-0.3, this.elevation + up));
   }
 
+  /** @param {number} factor */
   zoom(factor) { this.distance = Math.min(20 * this.size, Math.max(2, this.distance * factor)); }
 
   // Metres a pixel covers at the target.
+  /** @param {number} height */
   step(height) { return 2 * this.distance * Math.tan(FIELD / 2) / height; }
 
   axes() {
@@ -73,6 +92,7 @@ export class Camera {
   }
 
   // By pixels right and down: over the ground, or up and down when seen from the side.
+  /** @param {number} right @param {number} down @param {number} height */
   pan(right, down, height) {
     const step = this.step(height), axes = this.axes();
     const level = this.elevation < 0.35 ? axes.up : [-Math.sin(this.azimuth), Math.cos(this.azimuth), 0];
@@ -85,6 +105,7 @@ export class Camera {
   }
 
   // World to clip space, column by column.
+  /** @param {number} aspect */
   matrix(aspect) {
     const { right, up, back } = this.axes(), eye = this.eye();
     const move = [right, up, back].map(axis => -(axis[0] * eye[0] + axis[1] * eye[1] + axis[2] * eye[2]));
@@ -103,6 +124,7 @@ export class Camera {
     return out;
   }
 
+  /** @param {Place} center @param {number} radius */
   flyTo(center, radius) {
     this.target = [...center];
     this.distance = Math.max(25, 3.2 * radius);

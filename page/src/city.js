@@ -1,23 +1,42 @@
 // A city of any size: every building is a box, but in the squares near the eye, which are fetched as they come near.
 import { metres, unpackAll, unpackRows } from './arrays.js';
 import { QUALITIES } from './pace.js';
-import { byId, page } from './page.js';
+import { byId, messageOf, page } from './page.js';
 import { joined, readGrounds, readScene } from './scene.js';
 
-export const BOX = 255, NEAR = 1500, NEAR_BUILDINGS = 4000, SQUARES_KEPT = 40, SUNK = 4;
-export const NO_TRIANGLES = { xyz: new Float32Array(0), kind: [], epochs: [], count: 0 };
+/** @import { Arrays, Parts, Place, Row, Scene } from './types.js' */
+/** @import { Viewer } from './viewer.js' */
 
+export const BOX = 255, NEAR = 1500, NEAR_BUILDINGS = 4000, SQUARES_KEPT = 40, SUNK = 4;
+export const NO_TRIANGLES = { xyz: new Float32Array(0), kind: new Uint8Array(0), epochs: new Uint8Array(0), count: 0 };
+const settings = () => /** @type {NonNullable<typeof page.city>} */ (page.city);
+
+/** @param {string | number} name */
 export const fetched = async name => {
-  const answer = await fetch(`${page.city.folder}/${name}.json`);
+  const answer = await fetch(`${settings().folder}/${name}.json`);
   if (!answer.ok) throw new Error(`${name}.json: the server answers with status ${answer.status}`);
   return answer.json();
 };
 
 export class City {
+  /** @param {Arrays} boxes */
   constructor(boxes) {
-    const rows = Array.from(boxes.box_lod, () => ({}));
-    Object.assign(this, { rows, squares: page.city.squares, scenes: new Map(), near: [], busy: false });
-    Object.assign(this, { corners: metres(boxes.box_xy), heights: metres(boxes.box_z), lods: boxes.box_lod, square: boxes.box_square });
+    /** @type {Row[]} */
+    this.rows = Array.from(boxes.box_lod, () => ({ id: '' }));
+    this.squares = settings().squares;
+    /** @type {Map<number, Parts>} */
+    this.scenes = new Map();
+    /** @type {number[]} */
+    this.near = [];
+    this.busy = false;
+    /** @type {Viewer | null} */
+    this.viewer = null;
+    this.corners = metres(boxes.box_xy);
+    this.heights = metres(boxes.box_z);
+    /** @type {Uint8Array} */
+    this.lods = boxes.box_lod;
+    /** @type {Uint16Array} */
+    this.square = boxes.box_square;
     this.grounds = readGrounds(boxes.terrain, page.terrain, NO_TRIANGLES);
   }
 
@@ -27,13 +46,14 @@ export class City {
   }
 
   // The boxes of the buildings outside of the squares `near`, over the ground, which sinks under these.
+  /** @param {number[]} near @returns {Parts} */
   boxes(near) {
-    const { corners, heights, lods, square } = this, there = new Set(near), far = [];
+    const { corners, heights, lods, square } = this, there = new Set(near), far = /** @type {number[]} */ ([]);
     for (let number = 0; number < square.length; number++) if (!there.has(square[number])) far.push(number);
     const count = 10 * far.length, xyz = new Float32Array(9 * count), building = new Uint32Array(count), lod = new Uint8Array(count), kind = new Uint8Array(count).fill(1), slope = new Float32Array(count).fill(90);
     let at = 0, face = 0;
     for (const number of far) {
-      const [low, high] = [heights[2 * number], heights[2 * number + 1]], put = (corner, z) => {
+      const [low, high] = [heights[2 * number], heights[2 * number + 1]], put = (/** @type {number} */ corner, /** @type {number} */ z) => {
         xyz[at++] = corners[8 * number + 2 * corner];
         xyz[at++] = corners[8 * number + 2 * corner + 1];
         xyz[at++] = z;
@@ -57,6 +77,7 @@ export class City {
     return { points, triangles, edges: { ...bare(), lod: new Uint8Array(0) }, prints: bare(), grounds: this.grounds.map(ground => ({ ...ground, position: this.sunk(ground.position, near) })) };
   }
 
+  /** @param {Float32Array} position @param {number[]} near */
   sunk(position, near) {
     const lower = position.slice();
     for (const number of near) {
@@ -66,18 +87,21 @@ export class City {
     return lower;
   }
 
-  scene() { return { ...joined([this.boxes(this.near), ...this.near.map(number => this.scenes.get(number))]), rows: this.rows }; }
+  /** @returns {Scene} */
+  scene() { return { ...joined([this.boxes(this.near), ...this.near.map(number => /** @type {Parts} */ (this.scenes.get(number)))]), rows: this.rows }; }
 
   // The squares nearest to what is looked at, as many as are drawn with ease; none from far away.
+  /** @param {{ distance: number, target: Place }} eye @returns {number[]} */
   wanted({ distance, target: [x, y] }) {
     if (distance > NEAR) return [];
-    const away = ([west, south, east, north]) => Math.hypot(Math.max(west - x, 0, x - east), Math.max(south - y, 0, y - north));
+    const away = (/** @type {number[]} */ [west, south, east, north]) => Math.hypot(Math.max(west - x, 0, x - east), Math.max(south - y, 0, y - north));
     const order = this.squares.map((square, number) => [away(square), number, square[4]]).filter(([far]) => far < Math.max(200, 0.8 * distance)).sort((one, two) => one[0] - two[0]);
     let count = 0;
     return order.filter(([, , buildings], place) => (count += buildings) <= NEAR_BUILDINGS || !place).map(([, number]) => number).sort((one, two) => one - two);
   }
 
   // The first picture, coarse until the machine is known, and then the rows of the table.
+  /** @param {Viewer} viewer */
   async follow(viewer) {
     this.viewer = viewer;
     viewer.city = this;
@@ -89,7 +113,9 @@ export class City {
 
   // Once the picture rests: draws what has come near, and drops what has gone far.
   async look() {
-    const { viewer } = this, near = this.wanted(viewer.camera);
+    const { viewer } = this;
+    if (!viewer) return;
+    const near = this.wanted(viewer.camera);
     if (this.busy || near.join() === this.near.join()) return;
     this.busy = true;
     document.documentElement.dataset.near = 'no';
@@ -104,7 +130,7 @@ export class City {
       viewer.refresh();
       viewer.profile.draw();
       if (viewer.look.chosen) viewer.describe(viewer.look.chosen - 1);
-    } catch (error) { byId('answer').textContent = `Not all is here: ${error.message}.`; }
+    } catch (error) { byId('answer').textContent = `Not all is here: ${messageOf(error)}.`; }
     this.busy = false;
     document.documentElement.dataset.near = 'yes';
   }

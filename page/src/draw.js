@@ -1,5 +1,8 @@
 // WebGL2: points, triangles and lines, each with a colour and a building; what is not shown is not drawn.
 
+/** @import { Frame, Layer, Look, Piece, Quality } from './types.js' */
+/** @import { Camera } from './camera.js' */
+
 export const VERTEX = `#version 300 es
 precision highp float;
 in vec3 position; in vec4 colour; in float building;
@@ -41,32 +44,46 @@ export const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade',
 export const PIECE = 90000;
 
 export class Painter {
+  /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
-    const gl = this.gl = canvas.getContext('webgl2', { antialias: false, alpha: false, depth: false });
+    const gl = canvas.getContext('webgl2', { antialias: false, alpha: false, depth: false });
     if (!gl) throw new Error('this browser gives no WebGL2; the table and the figures below work without it');
+    this.gl = gl;
     this.canvas = canvas;
+    /** @type {Layer[]} */
     this.layers = [];
+    /** @type {Map<number, Frame>} */
     this.targets = new Map();
+    this.spot = this.fade = this.far = 1;
+    /** @type {WebGLTexture | null} */
+    this.texture = null;
+    /** The picture's place; null without one. @type {Float32Array | null} */
+    this.lay = null;
+    /** @type {Frame | null} */
+    this.target = null;
     const program = this.program = gl.createProgram();
-    for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
-      const shader = gl.createShader(kind);
+    for (const [kind, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
       gl.shaderSource(shader, source);
       gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader) ?? '');
       gl.attachShader(program, shader);
     }
     ['position', 'colour', 'building'].forEach((name, place) => gl.bindAttribLocation(program, place, name));
     gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) ?? '');
     this.uniform = Object.fromEntries(UNIFORMS.map(name => [name, gl.getUniformLocation(program, name)]));
     this.samples = Math.min(4, gl.getParameter(gl.MAX_SAMPLES));
   }
 
   // kind: 'points', 'triangles' or 'lines'; building holds a number for each vertex, 0 for none. A colour's fourth byte is the epoch: 0 both, 1 left of the slider, 2 right of it.
+  /** @param {Layer["kind"]} kind @param {Float32Array} position @param {Uint32Array} building @param {Partial<Pick<Layer, "shaded" | "strength" | "minor" | "fades" | "opacity">>} [way] @returns {Layer} */
   add(kind, position, building, { shaded = false, strength = 0, minor = false, fades = false, opacity = 1 } = {}) {
     const gl = this.gl, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
-    const buffers = [], fill = (place, data, size, type, normalised) => {
+    /** @type {WebGLBuffer[]} */
+    const buffers = [];
+    const fill = (/** @type {number} */ place, /** @type {AllowSharedBufferSource} */ data, /** @type {number} */ size, /** @type {number} */ type, /** @type {boolean} */ normalised) => {
       const buffer = gl.createBuffer();
       buffers.push(buffer);
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
@@ -80,7 +97,7 @@ export class Painter {
     fill(2, building, 1, gl.UNSIGNED_INT, false);
     gl.bindVertexArray(null);
     const mode = { points: gl.POINTS, triangles: gl.TRIANGLES, lines: gl.LINES }[kind];
-    const layer = { kind, mode, vao, buffers, colour, shaded, strength, minor, fades, opacity, pictured: false, drawn: [] };
+    const layer = { kind, mode, vao, buffers, colour, shaded, strength, minor, fades, opacity, pictured: false, drawn: [], shown: new Uint32Array(0) };
     this.layers.push(layer);
     return layer;
   }
@@ -94,9 +111,10 @@ export class Painter {
   }
 
   // An image on the ground; `lay` are the coefficients of 1, x, y, x², xy, y² of its columns and rows, both from 0 to 1. Layers that are `pictured` are drawn with it.
+  /** @param {TexImageSource} image @param {number[]} lay */
   picture(image, lay) {
     const gl = this.gl;
-    gl.deleteTexture(this.texture || null);
+    gl.deleteTexture(this.texture);
     gl.bindTexture(gl.TEXTURE_2D, this.texture = gl.createTexture());
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, image);
     gl.generateMipmap(gl.TEXTURE_2D);
@@ -107,12 +125,14 @@ export class Painter {
     this.lay = new Float32Array(lay);
   }
 
+  /** @param {Layer} layer @param {Uint8Array} colours */
   recolour(layer, colours) {
     this.gl.bindBuffer(this.gl.ARRAY_BUFFER, layer.colour);
     this.gl.bufferData(this.gl.ARRAY_BUFFER, colours, this.gl.DYNAMIC_DRAW);
   }
 
   // The numbers of the vertices to draw: one list, or several from fine to coarse.
+  /** @param {Layer} layer @param {Uint32Array[]} lists */
   show(layer, ...lists) {
     const gl = this.gl;
     for (const { buffer } of layer.drawn) gl.deleteBuffer(buffer);
@@ -127,7 +147,9 @@ export class Painter {
   }
 
   // What a picture of a quality is drawn with: lists of vertices in pieces that a slow machine can stop between.
+  /** @param {Quality} quality */
   pieces({ points, ground, lines }) {
+    /** @type {Piece[]} */
     const pieces = [];
     for (const layer of this.layers) {
       const list = layer.drawn[Math.min(ground, layer.drawn.length - 1)];
@@ -139,14 +161,16 @@ export class Painter {
     return pieces;
   }
 
-  begin(camera, look, { scale, smooth }) {
+  /** @param {Camera} camera @param {Look} look @param {Quality} quality @param {[number, number]} [size] pixels, in place of the canvas's */
+  begin(camera, look, { scale, smooth }, size) {
     const gl = this.gl, uniform = this.uniform, ratio = scale * Math.min(2, window.devicePixelRatio || 1);
-    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map(side => Math.max(1, Math.round(side * ratio)));
+    const [width, height] = size ?? [this.canvas.clientWidth, this.canvas.clientHeight].map(side => Math.max(1, Math.round(side * ratio)));
     this.target = this.targetOf(width, height, smooth ? this.samples : 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
     gl.viewport(0, 0, width, height);
     gl.depthMask(true);
-    gl.clearColor(...look.background, 1);
+    const [red, green, blue] = look.background;
+    gl.clearColor(red, green, blue, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
@@ -162,6 +186,7 @@ export class Painter {
     this.far = camera.flat ? 0 : camera.distance;
   }
 
+  /** @param {Piece} piece */
   draw({ layer, list, first, count, grown }) {
     const gl = this.gl, uniform = this.uniform, spot = this.spot * grown;
     const points = layer.kind !== 'points' ? 0 : this.far ? spot * this.far : -Math.min(11, Math.max(1.5, spot));
@@ -170,7 +195,7 @@ export class Painter {
     gl.uniform1f(uniform.strength, layer.strength);
     gl.uniform1f(uniform.fade, layer.fades ? this.fade : layer.opacity);
     gl.uniform1f(uniform.pictured, layer.pictured ? 1 : 0);
-    if (layer.pictured) gl.uniform3fv(uniform.lay, this.lay);
+    if (layer.pictured && this.lay) gl.uniform3fv(uniform.lay, this.lay);
     gl.depthMask(layer.opacity === 1);
     if (layer.fades || layer.opacity < 1) {
       gl.enable(gl.BLEND);
@@ -188,7 +213,7 @@ export class Painter {
 
   // The finished picture onto the page, which stretches it where it was drawn smaller.
   present() {
-    const gl = this.gl, { canvas } = this, { frame, width, height } = this.target;
+    const gl = this.gl, { canvas } = this, { frame, width, height } = /** @type {Frame} */ (this.target);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, frame);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
@@ -198,13 +223,14 @@ export class Painter {
 
   // Resolves when the graphics side has finished its commands.
   async finished() {
-    const gl = this.gl, sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    const gl = this.gl, sync = /** @type {WebGLSync} */ (gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0));
     gl.flush();
     while (sync && gl.clientWaitSync(sync, 0, 0) === gl.TIMEOUT_EXPIRED) await new Promise(done => setTimeout(done, 1));
     gl.deleteSync(sync);
   }
 
   // A place to draw to: one for smooth edges, one for while it moves.
+  /** @param {number} width @param {number} height @param {number} samples @returns {Frame} */
   targetOf(width, height, samples) {
     const gl = this.gl, old = this.targets.get(samples);
     if (old && old.width === width && old.height === height) return old;
@@ -212,9 +238,11 @@ export class Painter {
       gl.deleteFramebuffer(old.frame);
       for (const buffer of old.buffers) gl.deleteRenderbuffer(buffer);
     }
-    const frame = gl.createFramebuffer(), buffers = [];
+    const frame = gl.createFramebuffer();
+    /** @type {WebGLRenderbuffer[]} */
+    const buffers = [];
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-    for (const [place, format] of [[gl.COLOR_ATTACHMENT0, gl.RGB8], [gl.DEPTH_ATTACHMENT, gl.DEPTH_COMPONENT24]]) {
+    for (const [place, format] of /** @type {const} */ ([[gl.COLOR_ATTACHMENT0, gl.RGB8], [gl.DEPTH_ATTACHMENT, gl.DEPTH_COMPONENT24]])) {
       const buffer = gl.createRenderbuffer();
       gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
       gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, format, width, height);

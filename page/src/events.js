@@ -1,10 +1,20 @@
 // Mouse, fingers, keys and the controls.
-import { byId, page } from './page.js';
+import { byId, field, page } from './page.js';
 import { pickBuilding } from './pick.js';
 
+/** @import { Viewer } from './viewer.js' */
+
+/** @type {Record<string, [number, number]>} */
+const ARROWS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+/** @param {Viewer} viewer */
 export function listenToCanvas(viewer) {
-  const { canvas, camera } = viewer, down = new Map();
+  const { canvas, camera } = viewer, down = /** @type {Map<number, [number, number]>} */ (new Map());
   let moved = 0, taken = 0;
+  const tap = (/** @type {number} */ x, /** @type {number} */ y) => {
+    if (viewer.ruler.active) viewer.ruler.take(x, y);
+    else viewer.choose(pickBuilding(viewer, x, y) - 1, false);
+  };
   canvas.addEventListener('pointerdown', event => {
     canvas.setPointerCapture(event.pointerId);
     moved = 0;
@@ -14,7 +24,7 @@ export function listenToCanvas(viewer) {
   canvas.addEventListener('pointermove', event => {
     if (taken === event.pointerId || !down.size) viewer.tools.pointer('move', event);
     if (!down.has(event.pointerId)) return;
-    const [x, y] = down.get(event.pointerId), [right, lower] = [event.clientX - x, event.clientY - y];
+    const [x, y] = down.get(event.pointerId) ?? [0, 0], [right, lower] = [event.clientX - x, event.clientY - y];
     moved += Math.hypot(right, lower);
     if (down.size === 2) {
       const [other] = [...down].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
@@ -25,17 +35,14 @@ export function listenToCanvas(viewer) {
     down.set(event.pointerId, [event.clientX, event.clientY]);
     viewer.ask();
   });
-  const lift = event => {
+  const lift = (/** @type {PointerEvent} */ event) => {
     const box = canvas.getBoundingClientRect();
     if (taken === event.pointerId) {
       taken = 0;
       viewer.tools.pointer('up', event);
     }
     if (down.delete(event.pointerId) && moved < 4 && event.type === 'pointerup' && event.button === 0) {
-      const place = [event.clientX - box.left, event.clientY - box.top];
-      if (viewer.tools.pointer('tap', event)) return;
-      if (viewer.ruler.active) viewer.ruler.take(...place);
-      else viewer.choose(pickBuilding(viewer, ...place) - 1, false);
+      if (!viewer.tools.pointer('tap', event)) tap(event.clientX - box.left, event.clientY - box.top);
       viewer.ask();
     }
   };
@@ -49,7 +56,7 @@ export function listenToCanvas(viewer) {
     viewer.ask();
   }, { passive: false });
   canvas.addEventListener('keydown', event => {
-    const arrows = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key], count = viewer.scene.rows.length;
+    const arrows = ARROWS[event.key], count = viewer.scene.rows.length;
     if (viewer.tools.active?.keydown?.(event)) return event.preventDefault();
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (arrows && event.shiftKey) camera.pan(40 * arrows[0], 40 * arrows[1], canvas.clientHeight);
@@ -60,6 +67,7 @@ export function listenToCanvas(viewer) {
     else if (event.key === 'Escape' && viewer.ruler.active) viewer.ruler.toggle(false);
     else if (event.key === 'Escape') viewer.choose(-1);
     else if ('nNpP'.includes(event.key) && count) viewer.choose((viewer.look.chosen - 1 + ('nN'.includes(event.key) ? 1 : -1) + count + (viewer.look.chosen ? 0 : 'nN'.includes(event.key) ? 0 : 1)) % count);
+    else if (event.key === 'Enter') tap(canvas.clientWidth / 2, canvas.clientHeight / 2);
     else if (event.key === '/') byId('find').focus();
     else if (!pressed(event.key)) return;
     event.preventDefault();
@@ -68,21 +76,23 @@ export function listenToCanvas(viewer) {
 }
 
 // Presses the button that says it has a key; whether there is one.
+/** @param {string} key */
 function pressed(key) {
-  const button = [...document.querySelectorAll('button[aria-keyshortcuts]')].find(one => one.getAttribute('aria-keyshortcuts') === key);
+  const button = [.../** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll('button[aria-keyshortcuts]'))].find(one => one.getAttribute('aria-keyshortcuts') === key);
   button?.click();
   return !!button;
 }
 
+/** @param {Viewer} viewer */
 export function listenToControls(viewer) {
   for (const control of document.querySelectorAll('#controls input:not([type=text]), #controls select')) control.addEventListener('input', () => viewer.refresh());
-  for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => viewer.view(button.dataset.view));
-  const find = byId('find');
+  for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll('[data-view]'))) button.addEventListener('click', () => viewer.view(button.dataset.view ?? ''));
+  const find = field('find');
   find.addEventListener('change', () => {
     byId('answer').textContent = '';
     const wanted = find.value.trim(), { all } = viewer, place = wanted.match(/^(-?\d+(?:\.\d+)?)[,; ]+(-?\d+(?:\.\d+)?)$/);
     viewer.network.offer('');
-    if (place) return viewer.fly(place.slice(1).map((value, axis) => value * page.unit - viewer.origin[axis]));
+    if (place) return viewer.fly(place.slice(1).map((value, axis) => Number(value) * page.unit - viewer.origin[axis]));
     let number = all.findIndex(row => row.id === wanted);
     if (number < 0 && wanted) number = all.findIndex(row => String(row.id).includes(wanted));
     if (number >= 0) viewer.choose(number);

@@ -2,14 +2,18 @@
 import { byId, page } from './page.js';
 import { hitTriangle, sightOf } from './pick.js';
 
+/** @import { Place } from './types.js' */
+/** @import { Viewer } from './viewer.js' */
+
 export const SNAP = 9, SVG = 'http://www.w3.org/2000/svg';
 
 // The place [x, y, z] under the pointer: a corner of a model or a point nearby, else where the ray meets a surface.
+/** @param {Viewer} viewer @param {number} x @param {number} y @returns {Place | null} */
 export function pickPlace(viewer, x, y) {
   const { camera, canvas, layers, scene } = viewer, sight = sightOf(camera, canvas.clientWidth, canvas.clientHeight, x, y);
   const onSide = viewer.epochs.seenAt(x);
   let depth = Infinity;
-  const meet = (xyz, list, epochOf) => {
+  const meet = (/** @type {Float32Array} */ xyz, /** @type {Uint32Array} */ list, /** @type {(vertex: number) => number} */ epochOf) => {
     const corners = new Float64Array(9);
     for (let place = 0; place < list.length; place += 3) {
       if (!onSide(epochOf(list[place]))) continue;
@@ -21,9 +25,9 @@ export function pickPlace(viewer, x, y) {
   meet(scene.triangles.xyz, layers.models.shown, vertex => scene.triangles.epochs[vertex / 3]);
   scene.grounds.forEach(({ position, epoch }, place) => meet(position, layers.grounds[place].shown, () => epoch));
   let best = Number.isFinite(depth) ? sight.from.map((value, axis) => value + depth * sight.along[axis]) : null, nearest = SNAP;
-  const limit = best ? sight.seen(...best).depth + 1 : Infinity;
-  const offer = place => {
-    const { aside, down, depth: far, ahead } = sight.seen(...place), away = Math.hypot(aside, down);
+  const limit = best ? sight.seen(best[0], best[1], best[2]).depth + 1 : Infinity;
+  const offer = (/** @type {Place} */ place) => {
+    const { aside, down, depth: far, ahead } = sight.seen(place[0], place[1], place[2]), away = Math.hypot(aside, down);
     if (ahead && far <= limit && away < nearest) [best, nearest] = [place, away];
   };
   for (const vertex of layers.edges.shown) if (onSide(scene.edges.epochs[vertex >> 1])) offer([...scene.edges.xyz.subarray(3 * vertex, 3 * vertex + 3)]);
@@ -32,25 +36,31 @@ export function pickPlace(viewer, x, y) {
 }
 
 export class Ruler {
+  /** @param {Viewer} viewer */
   constructor(viewer) {
-    Object.assign(this, { viewer, places: [], active: false });
+    this.viewer = viewer;
+    /** @type {Place[]} */
+    this.places = [];
+    this.active = false;
     this.sheet = document.createElementNS(SVG, 'svg');
     this.sheet.id = 'ruler';
     viewer.canvas.after(this.sheet);
     byId('measure').addEventListener('click', () => this.toggle());
   }
 
+  /** @param {boolean} [on] */
   toggle(on = !this.active) {
     this.active = on;
     if (on) this.viewer.tools.stop();
     if (!on) this.places = [];
-    byId('measure').setAttribute('aria-pressed', on);
+    byId('measure').setAttribute('aria-pressed', String(on));
     byId('status').textContent = on ? 'measuring: click on places; Escape ends it' : 'measuring ended';
     this.viewer.canvas.style.cursor = on ? 'crosshair' : '';
     if (!on) this.viewer.profile.toggle(false);
     this.draw();
   }
 
+  /** @param {number} x @param {number} y */
   take(x, y) {
     const place = pickPlace(this.viewer, x, y);
     if (place) this.places.push(place);
@@ -59,6 +69,7 @@ export class Ruler {
   }
 
   // Metres along the ground, up, and straight, between two places.
+  /** @param {Place} one @param {Place} two */
   static between(one, two) {
     const [east, north, up] = two.map((value, axis) => value - one[axis]);
     return { level: Math.hypot(east, north), up, straight: Math.hypot(east, north, up) };
@@ -66,10 +77,10 @@ export class Ruler {
 
   draw() {
     const { camera, canvas } = this.viewer, { seen } = sightOf(camera, canvas.clientWidth, canvas.clientHeight, 0, 0);
-    const spots = this.places.map(place => seen(...place)), made = [];
-    const add = (name, attributes, text) => {
+    const spots = this.places.map(place => seen(place[0], place[1], place[2])), made = /** @type {SVGElement[]} */ ([]);
+    const add = (/** @type {string} */ name, /** @type {Record<string, string | number>} */ attributes, /** @type {string} */ text = '') => {
       const one = document.createElementNS(SVG, name);
-      for (const [key, value] of Object.entries(attributes)) one.setAttribute(key, value);
+      for (const [key, value] of Object.entries(attributes)) one.setAttribute(key, String(value));
       if (text) one.textContent = text;
       made.push(one);
     };

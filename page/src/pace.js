@@ -1,4 +1,8 @@
 // When what is drawn: all of it where the machine keeps up; else less while it moves, and all of it once it rests.
+/** @import { Look, Quality } from './types.js' */
+/** @import { Camera } from './camera.js' */
+/** @import { Painter } from './draw.js' */
+
 export const QUALITIES = [
   { scale: 1, smooth: true, points: Infinity, ground: 0, lines: true },
   { scale: 1, smooth: false, points: 120000, ground: 1, lines: true },
@@ -11,8 +15,13 @@ export const QUALITIES = [
 export const LONG = 45, SHORT = 22, REST = 160;
 
 export class Pace {
+  /** @param {Painter} painter @param {() => [Camera, Look]} before @param {(quality: number) => void} after */
   constructor(painter, before, after) {
-    Object.assign(this, { painter, before, after, quality: 0, asked: 0, painted: 0, running: false, easy: 0 });
+    this.painter = painter;
+    this.before = before;
+    this.after = after;
+    this.quality = this.asked = this.painted = this.easy = 0;
+    this.running = false;
   }
 
   // Resolves when there is a picture.
@@ -43,6 +52,7 @@ export class Pace {
   }
 
   // One picture at once; the milliseconds it took.
+  /** @param {Quality} quality */
   async paint(quality) {
     const began = performance.now(), { painter } = this;
     painter.begin(...this.before(), quality);
@@ -54,6 +64,7 @@ export class Pace {
   }
 
   // The whole picture, given up as soon as something else is asked for; whether it was finished.
+  /** @param {number} answered */
   async paintWhole(answered) {
     const { painter } = this, [quality] = QUALITIES;
     painter.begin(...this.before(), quality);
@@ -67,6 +78,7 @@ export class Pace {
     return true;
   }
 
+  /** @param {number} milliseconds */
   adapt(milliseconds) {
     const last = QUALITIES.length - 1;
     if (milliseconds > 8 * LONG) this.quality = Math.max(this.quality, last - 1);
@@ -75,6 +87,7 @@ export class Pace {
     if (this.easy > 12 && this.quality > 0) [this.quality, this.easy] = [this.quality - 1, 0];
   }
 
+  /** @param {number} answered */
   async rest(answered) {
     const until = performance.now() + REST;
     while (this.asked === answered && performance.now() < until) await new Promise(done => setTimeout(done, 15));

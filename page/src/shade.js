@@ -1,8 +1,10 @@
 // Soft shade, once for a scene: ground near what rises is darker, and walls are towards their foot.
+/** @import { Grid, Things, Triangles } from './types.js' */
 
 export const DARKEST_GROUND = 0.5, FOOT = 0.74, FOOT_HEIGHT = 6, PLAN_CELLS = 4e6;
 
 // Heights of an epoch's upward faces over the cells of the terrain; −Infinity where there are none.
+/** @param {Omit<Grid, "heights">} grid @param {Pick<Triangles, "xyz" | "kind" | "epochs" | "count">} triangles */
 export function roofHeights({ rows, columns, cell, west, north, epoch }, { xyz, kind, epochs, count }) {
   const heights = new Float32Array(rows * columns).fill(-Infinity);
   for (let number = 0, at = 0; number < count; number++, at += 9) {
@@ -24,6 +26,7 @@ export function roofHeights({ rows, columns, cell, west, north, epoch }, { xyz, 
 }
 
 // How bright (0 to 1) every vertex of the ground is: the mean over eight directions of the sky that is left.
+/** @param {Grid} terrain @param {Pick<Triangles, "xyz" | "kind" | "epochs" | "count">} triangles */
 export function groundShade(terrain, triangles) {
   const { rows, columns, cell, heights } = terrain, tops = roofHeights(terrain, triangles), bright = new Float32Array(rows * columns).fill(1);
   const ways = [[0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [-1, -1], [-1, 0], [-1, 1]], steps = [1, 2, 3, 5, 8];
@@ -47,6 +50,7 @@ export function groundShade(terrain, triangles) {
 }
 
 // Which points (1 or 0) lie in the plan of a roof: of what is no building, they would hide it.
+/** @param {Pick<Things, "xyz" | "epochs" | "count">} points @param {Pick<Triangles, "xyz" | "kind" | "epochs" | "count">} triangles */
 export function pointsOverRoofs({ xyz, epochs, count }, triangles) {
   const low = [Infinity, Infinity], high = [-Infinity, -Infinity], over = new Uint8Array(count);
   for (let place = 0; place < triangles.xyz.length; place += 3) {
@@ -61,10 +65,11 @@ export function pointsOverRoofs({ xyz, epochs, count }, triangles) {
   const tops = new Map([...new Set(epochs)].map(epoch => [epoch, roofHeights({ rows, columns, cell, west, north, epoch }, triangles)]));
   for (let number = 0; number < count; number++) {
     const column = Math.floor((xyz[3 * number] - west) / cell), row = Math.floor((north - xyz[3 * number + 1]) / cell);
-    over[number] = column >= 0 && row >= 0 && column < columns && row < rows && tops.get(epochs[number])[row * columns + column] > -Infinity ? 1 : 0;
+    over[number] = column >= 0 && row >= 0 && column < columns && row < rows && (tops.get(epochs[number]) ?? [])[row * columns + column] > -Infinity ? 1 : 0;
   }
   return over;
 }
 
 // How bright a corner of a wall is, by its height over the building's lowest place.
+/** @param {number} over */
 export const wallShade = over => FOOT + (1 - FOOT) * Math.min(1, Math.max(0, over / FOOT_HEIGHT));

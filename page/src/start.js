@@ -4,17 +4,25 @@ import { unpackAll, unpackRows } from './arrays.js';
 import { drawCharts } from './charts.js';
 import { City } from './city.js';
 import { listenToCanvas, listenToControls } from './events.js';
-import { byId, element, page } from './page.js';
+import { byId, element, messageOf, page } from './page.js';
+import { listenToPrint } from './print.js';
 import { readScene } from './scene.js';
 import { Table } from './table.js';
 import { beginExtensions } from './tools.js';
 import { Viewer } from './viewer.js';
 
+/** @import { Row } from './types.js' */
+
 // Ids that Find lists as one types; it knows all of them.
 export const NAMES_OFFERED = 4000;
 
 export async function start() {
-  let viewer = null, city = null, all = [];
+  /** @type {Viewer | null} */
+  let viewer = null;
+  /** @type {City | null} */
+  let city = null;
+  /** @type {Row[]} */
+  let all = [];
   try {
     city = page.city ? await City.open() : null;
     all = city ? city.rows : page.rows.concat(await unpackRows(page.others));
@@ -26,13 +34,14 @@ export async function start() {
     if (city) await city.follow(viewer);
     listenToCanvas(viewer);
     listenToControls(viewer);
+    listenToPrint(viewer);
     keepAddress(viewer);
     obeyAddress(viewer);
-    addEventListener('hashchange', () => obeyAddress(viewer));
     window.eaves = viewer;
+    addEventListener('hashchange', () => obeyAddress(window.eaves));
     await viewer.pace.first(); // the scene first, then the table
   } catch (error) { trouble(error); }
-  const table = new Table(byId('buildings'), page.columns, all, number => {
+  const table = new Table(/** @type {HTMLTableElement} */ (byId('buildings')), page.columns, all, number => {
     if (!viewer) return;
     viewer.choose(number);
     byId('scene').scrollIntoView({ block: 'nearest' });
@@ -46,8 +55,9 @@ export async function start() {
   beginExtensions(viewer.tools);
 }
 
+/** @param {unknown} error */
 export function trouble(error) {
-  byId('trouble').textContent = `No 3D view: ${error.message}.`;
+  byId('trouble').textContent = `No 3D view: ${messageOf(error)}.`;
   byId('trouble').hidden = false;
   document.documentElement.dataset.ready = 'no';
 }

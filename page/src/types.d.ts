@@ -38,6 +38,12 @@ export interface Piece { layer: Layer; list: List; first: number; count: number;
 export interface Frame { frame: WebGLFramebuffer; buffers: WebGLRenderbuffer[]; width: number; height: number }
 export interface Column { name: string; title: string; number: boolean }
 
+/** What the page embeds besides its arrays. */
+export interface Page {
+  rows: Row[]; others: { names: string[]; data: string }; columns: Column[]; meanings: Record<string, [string, string]>; lods: string[]; base: number; modelled: boolean;
+  origin: Place; unit: number; basemap: string | null; world: number[][] | null; terrain: Terrain; arrays: Record<string, Packed>; epochs?: string[]; city?: { folder: string; squares: number[][] };
+}
+
 /** What is at a pixel of the canvas, looked for when asked. */
 export interface Spot {
   x: number; y: number;

@@ -9,26 +9,51 @@ import { Epochs } from './epochs.js';
 import { Ruler } from './measure.js';
 import { Network } from './network.js';
 import { Pace, QUALITIES } from './pace.js';
-import { byId, page } from './page.js';
+import { byId, field, frameOf, page } from './page.js';
 import { Profile } from './profile.js';
 import { boxOf, modelOf, repeated, spotsOf } from './scene.js';
 import { wallShade } from './shade.js';
 import { Tools } from './tools.js';
 import { Verdicts } from './verdicts.js';
 
+/** @import { Colour, Edges, Layer, Look, Place, Row, Scene } from './types.js' */
+/** @import { City } from './city.js' */
+/** @import { Table } from './table.js' */
+
 // What is neither ground nor building, mostly trees, lets what stands behind it through.
 export const OTHER_OPACITY = 0.45;
 
+// The finest level of detail of every building in every epoch.
+/** @param {Scene} scene */
+function finestOf({ triangles, rows }) {
+  const finest = new Uint8Array(3 * (rows.length + 1));
+  for (let number = 0; number < triangles.count; number++) {
+    const model = modelOf(triangles, number);
+    finest[model] = Math.max(finest[model], triangles.lod[number]);
+  }
+  return finest;
+}
+
 export class Viewer {
+  /** @param {Scene} scene @param {Row[]} all */
   constructor(scene, all) {
-    Object.assign(this, { all, table: null, city: null, origin: page.origin });
-    const canvas = this.canvas = byId('scene');
+    this.all = all;
+    /** @type {Table | null} */
+    this.table = null;
+    /** @type {City | null} */
+    this.city = null;
+    this.origin = page.origin;
+    this.quarter = -1;
+    const canvas = this.canvas = /** @type {HTMLCanvasElement} */ (byId('scene'));
     this.camera = new Camera(boxOf(scene), canvas.clientWidth / Math.max(1, canvas.clientHeight));
     this.painter = new Painter(canvas);
     this.pace = new Pace(this.painter, () => this.before(), quality => this.after(quality));
-    this.look = { background: [1, 1, 1], mark: [1, 0.6, 0], chosen: 0, only: false, pointSize: 0.35 };
+    /** @type {Look} */
+    this.look = { background: [1, 1, 1], mark: [1, 0.6, 0], chosen: 0, only: false, pointSize: 0.35, split: 0 };
     this.spots = spotsOf(scene);
-    this.load(scene);
+    this.scene = scene;
+    this.layers = this.layersOf(scene);
+    this.finest = finestOf(scene);
     this.ruler = new Ruler(this);
     this.profile = new Profile(this);
     this.verdicts = new Verdicts();
@@ -40,11 +65,18 @@ export class Viewer {
   }
 
   // Draws a scene in place of the one before.
+  /** @param {Scene} scene */
   load(scene) {
-    const { painter } = this, { points, triangles, edges, prints, grounds } = scene;
+    this.painter.clear();
     this.scene = scene;
-    painter.clear();
-    this.layers = {
+    this.layers = this.layersOf(scene);
+    this.finest = finestOf(scene);
+  }
+
+  /** @param {Scene} scene */
+  layersOf({ points, triangles, edges, prints, grounds }) {
+    const { painter } = this;
+    return {
       grounds: grounds.map(({ position }) => painter.add('triangles', position, new Uint32Array(position.length / 3), { shaded: true })),
       models: painter.add('triangles', triangles.xyz, repeated(triangles.building, 3), { shaded: true, strength: 0.25 }),
       edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true, fades: true }),
@@ -52,36 +84,33 @@ export class Viewer {
       points: painter.add('points', points.xyz, Uint32Array.from(points.building)),
       other: painter.add('points', points.xyz, new Uint32Array(points.count), { opacity: OTHER_OPACITY }),
     };
-    this.finest = new Uint8Array(3 * (scene.rows.length + 1));
-    for (let number = 0; number < triangles.count; number++) {
-      const model = modelOf(triangles, number);
-      this.finest[model] = Math.max(this.finest[model], triangles.lod[number]);
-    }
   }
 
   // The aerial image of the page over the terrain.
+  /** @param {string} address */
   async addImage(address) {
     const image = new Image(), { rows, columns, cell, west, north } = page.terrain, [wide, tall] = [columns * cell, rows * cell];
     image.src = address;
     await image.decode();
     this.painter.picture(image, [-west / wide, 1 / wide, 0, 0, 0, 0, north / tall, 0, -1 / tall, 0, 0, 0]);
-    byId('basemap').parentElement.hidden = false;
+    frameOf('basemap').hidden = false;
   }
 
-  checked(name) { return byId(name).checked; }
+  /** @param {string} name */
+  checked(name) { return field(name).checked; }
 
   // Colours and visibility from the controls; what has no colour is not drawn.
   refresh() {
     const { scene, painter, layers } = this, { points, triangles, edges, prints, grounds } = scene;
-    const style = getComputedStyle(document.documentElement), shade = name => bytes(style.getPropertyValue(name).trim());
+    const style = getComputedStyle(document.documentElement), shade = (/** @type {string} */ name) => bytes(style.getPropertyValue(name).trim());
     this.look.background = shade('--sky').map(value => value / 255);
     this.look.mark = shade('--mark').map(value => value / 255);
     this.look.only = this.checked('only');
-    const size = Number(byId('size').value);
+    const size = Number(field('size').value);
     this.look.pointSize = 0.35 * size;
 
     // Colours the `count` things of a layer, `width` vertices each, and draws those that get a colour.
-    const dress = (layer, { epochs, count }, width, colour, bright = null) => {
+    const dress = (/** @type {Layer} */ layer, /** @type {{ epochs: Uint8Array, count: number }} */ { epochs, count }, /** @type {number} */ width, /** @type {(number: number) => Colour | null} */ colour, /** @type {((vertex: number, number: number) => number) | null} */ bright = null) => {
       const colours = new Uint8Array(4 * count * width), list = new Uint32Array(count * width);
       let end = 0;
       for (let number = 0; number < count; number++) {
@@ -105,13 +134,13 @@ export class Viewer {
       painter.show(layer, ...(this.checked('ground') ? details : [new Uint32Array(0)]));
     });
 
-    const pointWay = pointColours(byId('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
-    const foreign = number => !points.building[number] && points.classification[number] !== 2;
+    const pointWay = pointColours(field('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
+    const foreign = (/** @type {number} */ number) => !points.building[number] && points.classification[number] !== 2;
     dress(layers.points, points, 1, number => !foreign(number) && (points.building[number] ? on || points.building[number] === this.look.chosen : under) ? pointWay.at(number) : null);
     dress(layers.other, points, 1, number => foreign(number) && other && !this.look.only && !points.over[number] ? pointWay.at(number) : null);
 
-    const wantedLod = page.lods.indexOf(byId('lod').value), shown = (things, number) => things.lod[number] === BOX || things.lod[number] === (wantedLod < 0 ? this.finest[modelOf(things, number)] : wantedLod);
-    const modelWay = modelColours(byId('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
+    const wantedLod = page.lods.indexOf(field('lod').value), shown = (/** @type {Edges} */ things, /** @type {number} */ number) => things.lod[number] === BOX || things.lod[number] === (wantedLod < 0 ? this.finest[modelOf(things, number)] : wantedLod);
+    const modelWay = modelColours(field('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
     const red = bytes(LOD_COLOURS.none);
     dress(layers.models, triangles, 3, number => {
       const row = triangles.building[number], kind = triangles.kind[number];
@@ -130,9 +159,11 @@ export class Viewer {
 
   address() { return addressOf(this); }
 
+  /** @param {string} hash */
   obeyAddress(hash) { obeyAddress(this, hash); }
 
   // Where the eye is and what is wanted, for the picture that is drawn next.
+  /** @returns {[Camera, Look]} */
   before() {
     this.camera.aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
     this.look.split = this.epochs.share();
@@ -140,8 +171,9 @@ export class Viewer {
   }
 
   // Says what the picture leaves out.
+  /** @param {number} quality */
   after(quality) {
-    const counts = [this.layers.points, this.layers.other].map(layer => layer.shown.length), sum = (one, two) => one + two;
+    const counts = [this.layers.points, this.layers.other].map(layer => layer.shown.length), sum = (/** @type {number} */ one, /** @type {number} */ two) => one + two;
     const here = counts.reduce(sum), drawn = counts.map(count => Math.min(count, QUALITIES[quality].points)).reduce(sum);
     byId('moving').hidden = !quality;
     if (quality) byId('moving').textContent = `While it moves: ${drawn < here ? `${drawn.toLocaleString('en')} of ${here.toLocaleString('en')} points, ` : ''}coarser ground${QUALITIES[quality].lines ? '' : ', no lines'}, lower resolution`;
@@ -161,6 +193,7 @@ export class Viewer {
   }
 
   // A place [x, y] about the origin, when it lies over the terrain.
+  /** @param {Place} place */
   fly(place) {
     const { low, high } = boxOf(this.scene), there = place.every((value, axis) => value >= low[axis] && value <= high[axis]);
     byId('answer').textContent = there ? 'at these coordinates' : 'these coordinates lie outside of what is shown';
@@ -169,16 +202,18 @@ export class Viewer {
     this.refresh();
   }
 
+  /** @param {number} number */
   describe(number) { describe(byId('building'), this.all[number], number, this.scene); }
 
   // The building of a number among all; those that are not drawn come after those that are.
+  /** @param {number} number @param {boolean} [fly] */
   choose(number, fly = true) {
     const row = this.all[number], spot = this.spots[number];
     this.look.chosen = spot ? number + 1 : 0;
     byId('building').hidden = !row;
     byId('hint').hidden = !!row;
     this.verdicts.choose(row);
-    byId('find').value = row ? row.id : '';
+    field('find').value = row ? row.id : '';
     document.documentElement.dataset.chosen = row ? row.id : '';
     if (row) {
       this.describe(number);
@@ -195,10 +230,11 @@ export class Viewer {
     this.refresh(); // the points of the chosen building are shown
   }
 
+  /** @param {string} name */
   view(name) {
     const { camera, look } = this;
     if (name === 'above') camera.above(!look.chosen);
-    else if (name === 'side') camera.side(this.quarter = ((this.quarter ?? -1) + 1) % 4);
+    else if (name === 'side') camera.side(this.quarter = (this.quarter + 1) % 4);
     else if (name === 'north') camera.azimuth = 0;
     else if (name === 'oblique') Object.assign(camera, { flat: false, elevation: 0.75 });
     else { camera.reset(); this.quarter = -1; }
