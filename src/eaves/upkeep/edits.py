@@ -329,8 +329,8 @@ def method_of(shape: str) -> tuple[Reconstructor | None, tuple[str, ...]]:
     """The method that makes roofs of a shape, with the digests of its code; None for that of the run."""
     if shape not in (GABLE, HIP):
         return None, ()
-    table = {"method": "moments", "only": shape, "ground_plan": True}
-    method = resolve_method("reconstruct", {**table, "empty_share": 1.0, "unexplained_share": 1.0})
+    houses = {"only": shape, "empty_share": 1.0, "unexplained_share": 1.0}
+    method = resolve_method("reconstruct", {"method": "maas_vosselman", "houses": houses})
     assert isinstance(method, Reconstructor)
     return method, tuple(code_of_methods(method))
 

@@ -43,7 +43,7 @@ async function show(/** @type {any} */ answer) {
   }
   byId('undo').disabled = !answer.undo;
   byId('redo').disabled = !answer.redo;
-  byId('edits').textContent = `${answer.edits} edits`;
+  byId('edits').textContent = answer.edits === 1 ? '1 edit' : `${answer.edits} edits`;
   if (answer.words.length) say(answer.words.join('; '), true);
   tools.draw();
   list();
@@ -73,7 +73,10 @@ function change(/** @type {string} */ name, /** @type {unknown} */ words = null,
   return waiting;
 }
 
-const act = (/** @type {any} */ action) => change('act', action, action.verdict || action.do);
+const act = (/** @type {any} */ action) => {
+  byId('choices').replaceChildren();
+  return change('act', action, action.verdict || action.do);
+};
 
 /** Goes to an entry of the queue: the camera flies there, the reason is marked. */
 function go(/** @type {number} */ to) {
@@ -81,6 +84,7 @@ function go(/** @type {number} */ to) {
   place = Math.max(0, Math.min(queue.length - 1, to));
   const { id, marks } = queue[place];
   tools.use('');
+  byId('choices').replaceChildren();
   tools.marks = marks;
   view.choose(id);
   tools.draw();

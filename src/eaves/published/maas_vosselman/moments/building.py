@@ -231,7 +231,7 @@ def fit_building(
     rectangle = None if plan is None else rectangle_around(plan)
     forms, best = solve_closed(points, triangles, rectangle, sums, only)
     if not closed_only:
-        best = choose_fit(points, forms, turns=rectangle is None)
+        best = choose_fit(points, forms, rectangle is None, only)
     inlier = np.abs(best.residuals) <= CUT * best.scale
     if rectangle is not None or closed_only:
         frame = frame_of(best, rectangle or forms[0])
@@ -308,9 +308,10 @@ def hiding(fit: ParametricFit, above: Points, rim: Points) -> Points:
     return above[inside]
 
 
-def choose_fit(points: Points, closed: list[ClosedForm], turns: bool) -> ParametricFit:
+def choose_fit(points: Points, closed: list[ClosedForm], turns: bool, only: str = "") -> ParametricFit:
     """The fit that explains the points best for its number of parameters, from a closed solution, in whose
-    axes it stays unless it `turns`; a hip whose ends hardly fall is a gable."""
+    axes it stays unless it `turns`; a hip whose ends hardly fall is a gable. Where no fit is the roof that is
+    stated, `only`, the closed solution of it stands."""
     centre = np.array([closed[0].x, closed[0].y])
     sample = points[:: max(1, len(points) // CHOICE_POINTS)]
     fits = []
@@ -320,14 +321,18 @@ def choose_fit(points: Points, closed: list[ClosedForm], turns: bool) -> Paramet
             start[HALF_RIDGE] += 0.25 * solution.width  # half-way to a gable: half-hips are found from there
         fits.append(fit_parametric_roof(form, sample, centre, start, LEAST_NOISE, turns=turns))
     fits = [fit for fit in fits if is_roof(fit)]
-    for choice in np.argsort(costs_of(fits), kind="stable"):
+    for choice in np.argsort(costs_of(fits), kind="stable") if fits else ():
         form, start = fits[choice].form, fits[choice].parameters
         final = fit_parametric_roof(form, points, centre, start, LEAST_NOISE, turns=turns)
         inside = points[np.abs(final.residuals) <= CUT * final.scale]
         if form == HIP and max(end_falls(final, *measure_edges(final, inside)[:4])) < HIP_FALL:
+            if only:
+                continue
             final = fit_parametric_roof(GABLE, points, centre, final.parameters, LEAST_NOISE, turns=turns)
         if is_roof(final):
             return final
+    if closed[0].roof == only:
+        return closed_fit(points, closed[0])
     return fit_parametric_roof(PLANE, points, centre, np.zeros(8), LEAST_NOISE)
 
 
