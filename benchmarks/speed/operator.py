@@ -29,7 +29,7 @@ from eaves.edit.server import Desk, DeskHandler
 from eaves.edit.session import Session
 from eaves.report import open_server
 
-VERDICTS = ("flat roof", "finer roof")
+VERDICTS = ("finer roof",)
 
 
 def copied(folder: Path, place: str) -> Path:

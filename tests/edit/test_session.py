@@ -43,7 +43,7 @@ def crossing(polygon: shapely.Polygon) -> list[list[float]]:
 
 def values(session: Session, name: str) -> dict[str, Any]:
     """What tables say of a building."""
-    saved = session.trial.building(name, session.trial.last)
+    saved = session.trial.buildings([name])[name]
     assert saved is not None
     return dict(saved.row.values)
 

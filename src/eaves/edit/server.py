@@ -39,7 +39,8 @@ class Desk:
     def __init__(self, session: Session) -> None:
         self.session, self.token = session, secrets.token_urlsafe(32)
         self.contents = read_contents(session.folder)
-        self.earlier = session.fresh
+        self.changed = set(session.fresh.buildings)
+        """Ids of the buildings that are not as the page was made of."""
 
     def warm(self) -> None:
         """Model a building once, so that nobody waits for what a first one takes longer."""
@@ -59,14 +60,14 @@ class Desk:
         session = self.session
         with session.lock:
             change = session.take_in()
-            self.earlier = Change({**self.earlier.buildings, **change.buildings}, change.words)
+            buildings = session.trial.buildings(self.changed | change.buildings.keys())
             queue = queue_of(session.queue, self.contents, session.outlines, session.reviewed)
-            return {"queue": list(queue), **self.answer(self.earlier)}
+            return {"queue": list(queue), **self.answer(Change(buildings, change.words))}
 
     def answer(self, change: Change) -> dict[str, Any]:
         """What a change draws, and what can be undone."""
         session = self.session
-        self.earlier = Change({**self.earlier.buildings, **change.buildings})
+        self.changed |= change.buildings.keys()
         return {
             **drawn(self.contents, change.buildings, session.folder),
             "words": list(change.words),
@@ -103,7 +104,7 @@ class Desk:
         """Write the files of the run; the page is to be loaded again."""
         words = self.session.save()
         self.contents = read_contents(self.session.folder)
-        self.earlier = self.session.fresh
+        self.changed = set(self.session.fresh.buildings)
         return {"saved": words}
 
     @property

@@ -146,10 +146,11 @@ class Session:
         """Verdict → the building of an action as each of some verdicts would leave it; nothing is kept."""
         with self.lock:
             self.take_in()
-            choices, kept = {}, self.own
+            kept = self.own
+            choices: dict[str, Any] = {}
             for verdict in verdicts:
                 edits = edits_of({**action, "do": "state", "verdict": verdict}, Table(self.outlines))
-                corrected = self.trial.correct([*kept, *edits, *self.trial.from_layer()])
-                choices[verdict] = self.trial.building(edits[0].id, corrected.touched)
+                self.trial.correct([*kept, *edits, *self.trial.from_layer()])
+                choices |= {verdict: building for building in self.trial.buildings([edits[0].id]).values()}
             self.trial.correct([*kept, *self.trial.from_layer()])
             return choices

@@ -17,6 +17,7 @@ from eaves.flow.run import Progress, no_progress
 from eaves.flow.step import Region
 from eaves.model import Block, CoordinateSystem
 from eaves.pipeline import hold_folder
+from eaves.run.keys import EDITED
 from eaves.run.store import WORK
 from eaves.upkeep.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
 from eaves.upkeep.edits import Edit, write_edits
@@ -70,6 +71,7 @@ class Trial:
 
     def correct(self, edits: Sequence[Edit]) -> Corrected:
         """Carry out all edits in the copy of the results, and take back what is edited no more."""
+        self.region.ensured.pop(EDITED, None)  # what was asked for before may be asked for again
         return correct(self.region, edits)
 
     def outlines(self) -> dict[str, shapely.Polygon]:
@@ -92,11 +94,16 @@ class Trial:
                     changed[name] = building
         return changed
 
-    def building(self, name: str, owners: Collection[Block]) -> SavedBuilding | None:
-        """A building by its id, owned by one of some blocks; None where there is none."""
-        now = SavedBuildings(self.region.store)
-        saved = (building for owner in sorted(owners) for building in now.saved(owner))
-        return next((building for building in saved if building.row.values["id"] == name), None)
+    def buildings(self, names: Collection[str]) -> dict[str, SavedBuilding | None]:
+        """Buildings by their ids as they are now; None where there is none."""
+        now, side = SavedBuildings(self.region.store), self.region.run.side
+        found: dict[str, SavedBuilding | None] = dict.fromkeys(names)
+        for owner in now.owners(side) if names else ():
+            for building in now.saved(owner):
+                name = str(building.row.values["id"])
+                if name in found:
+                    found[name] = building
+        return found
 
 
 def contents_of(buildings: Sequence[SavedBuilding]) -> dict[str, bytes]:
