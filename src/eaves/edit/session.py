@@ -151,6 +151,7 @@ class Session:
             for verdict in verdicts:
                 edits = edits_of({**action, "do": "state", "verdict": verdict}, Table(self.outlines))
                 self.trial.correct([*kept, *edits, *self.trial.from_layer()])
-                choices |= {verdict: building for building in self.trial.buildings([edits[0].id]).values()}
+                name = edits[0].id
+                choices[verdict] = self.trial.buildings([name])[name]
             self.trial.correct([*kept, *self.trial.from_layer()])
             return choices

@@ -134,7 +134,7 @@ COLUMNS: dict[str, Column] = {
     "stands_free": Column("Stands free", "", "the roof has open sides and no wall: a canopy", bool),
     "block_id": Column("Block", "", "id of the block of houses that the building is a part of", str),
     "wall_certainty": Column("Certainty of party walls", "", "of the least certain one, 0 to 1"),
-    "trust": Column("Trust", "", "high, medium or low", str),
+    "trust": Column("Trust", "", "high, medium or low; manual where a person set it", str),
     "trust_score": Column(
         "Trust score", "", "probability that nine tenths of its plan lie within 0.2 m of the true roof"
     ),
