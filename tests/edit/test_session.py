@@ -20,6 +20,8 @@ from eaves.edit.actions import OF_ROOF, TOOLS, ActionError
 from eaves.edit.review import summarise
 from eaves.edit.session import Session
 from eaves.formats import InputError, read_polygons
+from eaves.report.build import build
+from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.upkeep import Edit, read_edits
 from eaves.upkeep.edits import write_edits
 from eaves.upkeep.update import update
@@ -244,3 +246,16 @@ def test_random_edits_leave_a_valid_town__with_the_files_of_an_update(
         assert {row["id"] for row in rows} == set(shown)
 
     session_of()
+
+
+def test_a_run_that_kept_nothing_is_edited__and_keeps_nothing(tmp_path: Path) -> None:
+    files = write_simulation(nine_roofs_on_a_slope(density=4.0, seed=1), tmp_path / "nine")
+    build(files["points"], tmp_path / "out", jobs=1, outputs=("footprints", "models"))
+    with closing(Session(tmp_path / "out")) as session:
+        name = next(iter(session.outlines))
+        session.act({"do": "state", "id": name, "verdict": "flat roof"})
+        assert values(session, name)["roof_type"] == "flat"
+        session.save()
+        assert values(session, name)["roof_type"] == "flat"
+    assert not [path for path in (tmp_path / "out").glob(".eaves*")]
+    assert '"edit":"flat roof"' in (tmp_path / "out" / "buildings.city.jsonl").read_text(encoding="utf-8")
