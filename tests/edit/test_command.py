@@ -18,7 +18,7 @@ def test_the_summary_says_which_reasons_led_to_edits(session: Session) -> None:
     name = next(iter(session.outlines))
     session.act({"do": "right", "id": name})
     told = CliRunner().invoke(make_app(), ["edit", str(session.folder), "--summary"])
-    assert told.exit_code == 0 and told.output.startswith("1 edits: right 1\n"), told.output
+    assert told.exit_code == 0 and "1 edit: right 1\n" in told.output, told.output
 
 
 @pytest.mark.slow

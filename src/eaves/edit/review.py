@@ -51,7 +51,7 @@ def summarise(edits: Sequence[Edit]) -> str:
     changed_count = sum(changed for _, changed in looked.values())
     verdicts = Counter(edit.verdict for edit in edits)
     lines = [
-        f"{len(edits)} edits: " + (", ".join(f"{name} {n}" for name, n in verdicts.most_common()) or "none"),
+        f"{len(edits)} edit{'s' * (len(edits) != 1)}: " + (", ".join(f"{name} {n}" for name, n in verdicts.most_common()) or "none"),
         f"{len(looked)} buildings of the review were looked at: {changed_count} edited, "
         f"{len(looked) - changed_count} right",
     ]
