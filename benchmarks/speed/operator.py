@@ -1,7 +1,7 @@
 """The operator's table: seconds of each change, and the review of a run gone through in the real page.
 
 `python -m benchmarks.speed.operator OUT … [--first 50]`: each OUT is a run built with --keep, which stays as
-it is. Every building is modelled by each of some verdicts in a session, then the first of the review are gone
+it is. Buildings are changed one after another in a session, then the first of the review are gone
 through in a browser by a script, mouse and keys: it does what the reason asks for, which is no judgement of a
 person. Counted are keys, clicks and drags, and the seconds until the answer is there, and until it is drawn.
 """
@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -37,21 +37,21 @@ def copied(folder: Path, place: str) -> Path:
     return Path(shutil.copytree(folder, Path(place) / folder.name))
 
 
-def latencies(folder: Path) -> Iterator[dict[str, object]]:
-    """Seconds of the server for one change of every building, by verdict."""
+def latencies(folder: Path, every: int) -> Iterator[dict[str, object]]:
+    """Seconds of the server for one change of every n-th building, by verdict."""
     with tempfile.TemporaryDirectory() as place, closing(Session(copied(folder, place))) as session:
         desk = Desk(session)
         desk.warm()
         for verdict in VERDICTS:
-            spent, refused = [], 0
-            for name in list(session.outlines):
-                began = time.perf_counter()
+            spent, cpu = list[float](), list[float]()
+            for name in list(session.outlines)[::every]:
+                began, worked = time.perf_counter(), time.process_time()
                 try:
                     desk.act({"do": "state", "id": name, "verdict": verdict})
                 except ActionError:
-                    refused += 1
                     continue
                 spent.append(time.perf_counter() - began)
+                cpu.append(time.process_time() - worked)
             yield {
                 "run": folder.name,
                 "what": verdict,
@@ -59,6 +59,8 @@ def latencies(folder: Path) -> Iterator[dict[str, object]]:
                 "median (s)": round(float(np.median(spent)), 2),
                 "95 % (s)": round(float(np.quantile(spent, 0.95)), 2),
                 "slowest (s)": round(max(spent), 2),
+                "CPU, median (s)": round(float(np.median(cpu)), 2),
+                "CPU, slowest (s)": round(max(cpu), 2),
             }
 
 
@@ -93,6 +95,14 @@ class Hands:
             + "const box = eaves.canvas.getBoundingClientRect(); return [box.left + at.x, box.top + at.y];"
         )
         return float(left), float(top)
+
+    def sees(self, *places: Any) -> bool:
+        """True if the scene shows places, beside its buttons."""
+        script = "const box = eaves.canvas.getBoundingClientRect();"
+        script += "return [box.left, box.top, box.right, box.bottom];"
+        left, top, right, bottom = self.browser.run(script)
+        seen = [self.at(place) for place in places]
+        return all(left + 9 < x < right - 60 and top + 50 < y < bottom - 60 for x, y in seen)
 
     def done(self) -> None:
         """Wait until what was asked for is drawn."""
@@ -161,8 +171,10 @@ def correct(hands: Hands, entry: dict[str, Any]) -> str:
     if "container or vehicle" in reason:
         hands.press("\ue017")
         return "delete"
-    if "party wall" in reason and (inside := neighbour(hands, entry["id"])) is not None:
+    inside = neighbour(hands, entry["id"]) if "party wall" in reason else None
+    if inside is not None:
         hands.press("b")
+    if inside is not None and hands.sees(inside):
         hands.count += 1
         hands.browser.click(*hands.at(inside))
         return "join"
@@ -182,9 +194,12 @@ def correct(hands: Hands, entry: dict[str, Any]) -> str:
         middle, centre = (one + two) / 2, np.subtract(outline.centroid.coords[0], hands.desk.contents.origin)
         if normal @ (middle - centre) < 0:
             normal = -normal
-        hands.count += 1
-        hands.browser.drag(hands.at(middle), hands.at(middle + normal))
-        return "edge dragged 1 m out"
+        if not hands.sees(middle, middle + normal):
+            hands.press("-")
+        if hands.sees(middle, middle + normal):
+            hands.count += 1
+            hands.browser.drag(hands.at(middle), hands.at(middle + normal))
+            return "edge dragged 1 m out"
     hands.press("y")
     return "right"
 
@@ -207,10 +222,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", nargs="+", type=Path)
     parser.add_argument("--first", type=int, default=50)
-    parser.add_argument("--all", type=int, default=1, help="runs of which every building is measured")
+    parser.add_argument("--every", type=int, default=1, help="every n-th building is changed by itself")
     given = parser.parse_args()
-    rows = [row for run in given.runs[: given.all] for row in latencies(run)]
-    rows += [row for run in given.runs for row in review(run, given.first)]
+    rows = list[dict[str, object]]()
+    for run in given.runs:
+        for row in chain(latencies(run, given.every), review(run, given.first)):
+            print(row, flush=True)
+            rows.append(row)
     columns = dict.fromkeys(key for row in rows for key in row)
     rows = [{column: row.get(column) for column in columns} for row in rows]
     names = " ".join(run.name for run in given.runs)
