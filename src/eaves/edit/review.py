@@ -50,8 +50,9 @@ def summarise(edits: Sequence[Edit]) -> str:
             led[kind] += changed
     changed_count = sum(changed for _, changed in looked.values())
     verdicts = Counter(edit.verdict for edit in edits)
+    counts = ", ".join(f"{name} {n}" for name, n in verdicts.most_common()) or "none"
     lines = [
-        f"{len(edits)} edit{'s' * (len(edits) != 1)}: " + (", ".join(f"{name} {n}" for name, n in verdicts.most_common()) or "none"),
+        f"{len(edits)} edit{'s' * (len(edits) != 1)}: {counts}",
         f"{len(looked)} buildings of the review were looked at: {changed_count} edited, "
         f"{len(looked) - changed_count} right",
     ]
