@@ -38,6 +38,8 @@ lint: $(BIN)/eaves
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python packaging/prose.py
+	@if [ -d page/node_modules ]; then npm run --prefix page --silent check; \
+	  else echo "page/node_modules is missing: the page's script is not checked (npm ci --prefix page)"; fi
 
 # The scripts of a run's page, of the modules in page/src; needs node.
 page: page/node_modules

@@ -10,7 +10,7 @@ const digest = createHash('sha256');
 for (const name of readdirSync('src').filter(file => file.endsWith('.js')).sort()) digest.update(readFileSync(`src/${name}`, 'utf8').replaceAll('\r\n', '\n'));
 for (const [entry, name] of [['start', 'page'], ['beside', 'beside']]) {
   await build({
-    entryPoints: [`src/${entry}.js`], outfile: `${process.argv[2] ?? OUT}/${name}.js`, bundle: true, format: 'iife', target: 'es2022', charset: 'utf8',
+    absWorkingDir: import.meta.dirname, entryPoints: [`src/${entry}.js`], outfile: `${process.argv[2] ?? OUT}/${name}.js`, bundle: true, format: 'iife', target: 'es2022', charset: 'utf8',
     minifyWhitespace: true, minifySyntax: true, lineLimit: 160,
     banner: { js: `// made by \`make page\` of page/src ${digest.copy().digest('hex').slice(0, 16)}` },
   });

@@ -53,5 +53,6 @@ function drawSheet(viewer) {
 function labels(viewer, middle) {
   const places = viewer.spots.map(({ low, high }, number) => ({ id: viewer.all[number].id, wide: (high[0] - low[0]) * 1000 / SCALE, x: ((low[0] + high[0]) / 2 - middle[0]) * 1000 / SCALE + WIDE / 2, y: (middle[1] - (low[1] + high[1]) / 2) * 1000 / SCALE + TALL / 2 }));
   const inside = places.filter(({ id, wide, x, y }) => wide > 1.4 * String(id).length && x > 8 && x < WIDE - 8 && y > 4 && y < TALL - 4);
-  return inside.map(({ id, x, y }) => element('span', { class: 'id', style: `left:${x.toFixed(2)}mm;top:${y.toFixed(2)}mm` }, id));
+  const apart = inside.filter(({ id, x, y }, place) => !inside.slice(0, place).some(other => Math.abs(other.x - x) < 0.7 * (String(other.id).length + String(id).length) && Math.abs(other.y - y) < 3));
+  return apart.map(({ id, x, y }) => element('span', { class: 'id', style: `left:${x.toFixed(2)}mm;top:${y.toFixed(2)}mm` }, id));
 }

@@ -150,7 +150,7 @@ def test_the_table_sorts_up_and_down__numbers_as_numbers(browser: Browser, nine_
     browser.open(nine_run.folder / "report.html")
     areas = (
         "return [...document.querySelectorAll('#buildings tbody tr')]"
-        ".map(line => Number(line.cells[COLUMN].textContent))"
+        ".map(line => Number(line.cells[COLUMN].textContent.replace(',', '')))"
     )
     column = browser.run(
         "return [...document.querySelectorAll('#buildings th')]"
@@ -227,7 +227,7 @@ def test_it_shows_what_it_leaves_out_while_it_moves__and_draws_all_at_rest(
     browser: Browser, nine_run: Summary
 ) -> None:
     browser.open(nine_run.folder / "report.html", "on=points-building,points-ground")
-    browser.run("eaves.pace.quality = QUALITIES.length - 1; eaves.pace.adapt = () => {}; eaves.ask()")
+    browser.run("eaves.pace.quality = 4; eaves.pace.adapt = () => {}; eaves.ask()")
     painted, quality, told = browser.run_async(TURN)
     assert painted > 3
     assert quality > 0 and "While it moves" in told and "points" in told
@@ -321,9 +321,8 @@ def repeat_to(contents: Contents, count: int) -> Contents:
 
 
 PLACES = """
-const { seen } = sightOf(eaves.camera, eaves.canvas.clientWidth, eaves.canvas.clientHeight, 0, 0);
 const box = eaves.canvas.getBoundingClientRect();
-return ENDS.map(place => { const at = seen(...place); return [at.aside + box.left, at.down + box.top]; });
+return ENDS.map(place => { const at = eaves.tools.seen(place); return [at.x + box.left, at.y + box.top]; });
 """
 
 
@@ -335,8 +334,10 @@ def test_clicks_measure_between_corners_and_the_address_keeps_it(browser: Browse
 const { xyz, lod, count } = eaves.scene.edges; let best = [], size = 0;
 for (let k = 0; k < count; k++) {
   const [one, two] = [0, 3].map(start => [...xyz.subarray(6 * k + start, 6 * k + start + 3)]);
-  const { straight, up } = Ruler.between(one, two);
-  const finest = lod[k] === page.lods.indexOf('2.2');
+  const [east, north, up] = two.map((value, axis) => value - one[axis]);
+  const straight = Math.hypot(east, north, up);
+  const { lods } = JSON.parse(document.getElementById('data').textContent);
+  const finest = lod[k] === lods.indexOf('2.2');
   if (finest && straight > size && Math.abs(up) < 0.01) [best, size] = [[one, two], straight];
 }
 return [best, size];"""
@@ -350,10 +351,10 @@ return [best, size];"""
     told = browser.run("return document.querySelector('#ruler text').textContent")
     assert float(told.split(" m")[0]) == pytest.approx(size, abs=0.02)
     assert browser.run(CHOSEN) == "", "a click that measures chooses no building"
-    address = browser.run("return addressOf(eaves)")
+    address = browser.run("return eaves.address()")
     browser.run("eaves.ruler.toggle(false)")
     assert browser.run("return document.querySelectorAll('#ruler line').length") == 0
-    browser.run(f"history.replaceState(null, '', {address!r}); obeyAddress(eaves)")
+    browser.run(f"history.replaceState(null, '', {address!r}); eaves.obeyAddress(location.hash)")
     browser.settle()
     assert browser.run("return document.querySelector('#ruler text').textContent") == told
     assert browser.errors() == []
@@ -372,10 +373,11 @@ const { profile, ruler, layers, scene } = eaves, [one, two] = ruler.places, answ
 const top = (xyz, list, x, y) => {
   let best = null;
   for (let place = 0; place < list.length; place += 3) {
-    const corners = new Float64Array(9);
-    for (let k = 0; k < 9; k++) corners[k] = xyz[3 * list[place + Math.floor(k / 3)] + k % 3];
-    const far = hitTriangle(corners, 0, [x, y, 1000], [0, 0, -1]);
-    if (Number.isFinite(far)) best = Math.max(best ?? -1e9, 1000 - far);
+    const [a, b, c] = [0, 1, 2].map(k => xyz.subarray(3 * list[place + k], 3 * list[place + k] + 3));
+    const [ux, uy, vx, vy] = [b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]], size = ux * vy - uy * vx;
+    const [px, py] = [x - a[0], y - a[1]], one = (px * vy - py * vx) / size, two = (ux * py - uy * px) / size;
+    const height = a[2] + one * (b[2] - a[2]) + two * (c[2] - a[2]);
+    if (size && one >= 0 && two >= 0 && one + two <= 1) best = Math.max(best ?? -1e9, height);
   }
   return best;
 };
@@ -402,7 +404,7 @@ def test_the_profile_has_the_heights_of_what_it_cuts(browser: Browser, nine_run:
     told = browser.run(
         "eaves.profile.point(400); return [...document.querySelectorAll('#profile text')].pop().textContent"
     )
-    assert "m along, height" in told and "profile=1" in browser.run("return addressOf(eaves)")
+    assert "m along, height" in told and "profile=1" in browser.run("return eaves.address()")
     assert browser.errors() == []
 
 

@@ -1,4 +1,4 @@
-// made by `make page` of page/src 322a1bbf47a3274f
+// made by `make page` of page/src 266ff1e63551bf2c
 "use strict";(()=>{var byId=name=>document.getElementById(name),field=name=>byId(name),source=globalThis.document?.getElementById("data"),page=source?JSON.parse(source.textContent??
 ""):{},element=(tag,attributes={},...children)=>{let made2=document.createElement(tag);for(let[name,value]of Object.entries(attributes))made2.setAttribute(name,
 String(value));return made2.append(...children),made2};function figure(value,name=""){return value==null?"":typeof value!="number"||Number.isInteger(value)?String(
@@ -281,9 +281,10 @@ null&&row?.[name]!==void 0),[east,north]=middle.map((value,axis)=>((value+viewer
 lding ${row.id}`:document.title),element("div",{class:"plan",style:`width:${WIDE}mm;height:${TALL}mm`},picture,...labels(viewer,middle),element("span",{class:"n\
 orth"},"▲",element("br"),"N")),element("div",{class:"foot"},element("div",{},element("span",{class:"bar",style:`width:${2e4/SCALE}mm`},"20 m"),` 1 : ${SCALE} \
 on A4 at 100 %; middle ${east}, ${north}`),element("div",{},shown.map(name=>`${page.meanings[name]?.[0]??name}: ${figure(row[name],name)}`).join("; ")),legend2,
-element("div",{},byId("credit").textContent??""))]}function labels(viewer,middle){return viewer.spots.map(({low,high},number)=>({id:viewer.all[number].id,wide:(high[0]-
+element("div",{},byId("credit").textContent??""))]}function labels(viewer,middle){let inside=viewer.spots.map(({low,high},number)=>({id:viewer.all[number].id,wide:(high[0]-
 low[0])*1e3/SCALE,x:((low[0]+high[0])/2-middle[0])*1e3/SCALE+WIDE/2,y:(middle[1]-(low[1]+high[1])/2)*1e3/SCALE+TALL/2})).filter(({id,wide,x,y})=>wide>1.4*String(
-id).length&&x>8&&x<WIDE-8&&y>4&&y<TALL-4).map(({id,x,y})=>element("span",{class:"id",style:`left:${x.toFixed(2)}mm;top:${y.toFixed(2)}mm`},id))}var SNAP=9,SVG="http://www.w3.org/2000/svg";function pickPlace(viewer,x,y){let{camera,canvas,layers,scene}=viewer,sight=sightOf(camera,canvas.clientWidth,canvas.
+id).length&&x>8&&x<WIDE-8&&y>4&&y<TALL-4);return inside.filter(({id,x,y},place)=>!inside.slice(0,place).some(other=>Math.abs(other.x-x)<.7*(String(other.id).length+
+String(id).length)&&Math.abs(other.y-y)<3)).map(({id,x,y})=>element("span",{class:"id",style:`left:${x.toFixed(2)}mm;top:${y.toFixed(2)}mm`},id))}var SNAP=9,SVG="http://www.w3.org/2000/svg";function pickPlace(viewer,x,y){let{camera,canvas,layers,scene}=viewer,sight=sightOf(camera,canvas.clientWidth,canvas.
 clientHeight,x,y),onSide=viewer.epochs.seenAt(x),depth=1/0,meet=(xyz,list,epochOf)=>{let corners=new Float64Array(9);for(let place=0;place<list.length;place+=3){
 if(!onSide(epochOf(list[place])))continue;for(let k=0;k<9;k++)corners[k]=xyz[3*list[place+Math.floor(k/3)]+k%3];let far=hitTriangle(corners,0,sight.from,sight.along);
 (camera.flat||far>0)&&far<depth&&(depth=far)}};meet(scene.triangles.xyz,layers.models.shown,vertex=>scene.triangles.epochs[vertex/3]),scene.grounds.forEach(({position,
