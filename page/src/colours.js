@@ -13,7 +13,7 @@ export const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc
 /** @type {Record<string, string>} */
 export const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
 /** @type {Record<string, string>} */
-export const TRUST_COLOURS = { high: '#5b8c85', medium: '#f2c14e', low: '#c8102e', none: '#8b8b8b' };
+export const TRUST_COLOURS = { high: '#5b8c85', medium: '#f2c14e', low: '#c8102e', manual: '#6a51a3', none: '#8b8b8b' };
 export const VIRIDIS = ['#440154', '#3b528b', '#21918c', '#5ec962', '#fde725'];
 export const DIVERGING = ['#2f6fd6', '#7fb0d8', '#a9b5a4', '#e39a6b', '#d0302f'];
 export const CYCLE = ['#e0524d', '#d9c23f', '#4dab5b', '#3f7fd0', '#e0524d'];

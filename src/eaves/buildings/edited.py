@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,10 @@ from eaves.blocks.block_file import BlockFile
 from eaves.buildings.building_file import SavedBuilding, building_arrays, saved_buildings
 from eaves.buildings.gather import MARGIN, Gatherer, blocks_in
 from eaves.buildings.join import BuildingPlan, about
-from eaves.buildings.owned import try_building
+from eaves.buildings.owned import StatedRoof, try_building
 from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.run.keys import key_of
 from eaves.run.world_squares import squares_touching
 
 if TYPE_CHECKING:
@@ -26,6 +27,17 @@ VERSION, CREATED = "version", "creationDate"
 
 
 @dataclass(frozen=True, eq=False)
+class OrderedPart:
+    """A building that an order asks for: its id, its outline (world metres), its roof, and what it says of
+    its edits."""
+
+    id: str
+    outline: Polygon
+    roof: StatedRoof
+    attributes: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False)
 class Order:
     """The order for one building.
 
@@ -33,24 +45,28 @@ class Order:
     ----------
     id : str
         The building's id.
-    outlines : tuple of Polygon
-        World metres: several between party walls, none for no building.
-    flat : bool
-        True if its roof is one level plane.
+    parts : tuple of OrderedPart
+        Several between party walls, none for no building.
     attributes : mapping
         What the building says of its edits.
+    stays : bool
+        True if it is right as it was found.
     """
 
     id: str
-    outlines: tuple[Polygon, ...]
-    flat: bool
+    parts: tuple[OrderedPart, ...]
     attributes: Mapping[str, str]
+    stays: bool = False
 
     @property
-    def parts(self) -> list[tuple[str, Polygon]]:
-        """The id and the outline of each building that it asks for."""
-        names = [self.id, *(f"{self.id}-{number}" for number in range(2, len(self.outlines) + 1))]
-        return list(zip(names, self.outlines, strict=False))
+    def outlines(self) -> tuple[Polygon, ...]:
+        """The outlines of its parts."""
+        return tuple(part.outline for part in self.parts)
+
+    @property
+    def modelled(self) -> tuple[OrderedPart, ...]:
+        """The parts that are to be modelled."""
+        return () if self.stays else self.parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +108,9 @@ def inputs_of_edited(
     owner, computed = unit.owner_block, set(regions)
     gatherer = Gatherer(regions, around=MARGIN if parameters.keeps_low else None)
     outlines, points = {}, {}
-    for name, outline in (part for order in unit.orders for part in order.parts):
-        footprint = about(Footprint(outline, id=name), owner.origin)
+    for part in (part for order in unit.orders for part in order.modelled):
+        name = part.id
+        footprint = about(Footprint(part.outline, id=name), owner.origin)
         if footprint is not None:
             touched = blocks_in(owner, Bounds(*footprint.polygon.bounds))
             under = tuple((block, 0) for block in touched if block in computed)
@@ -102,44 +119,68 @@ def inputs_of_edited(
     return GatheredOrders(unit.orders, found[owner], outlines, points)
 
 
-def model_orders(view: GatheredOrders, parameters: BuildingParameters) -> dict[str, NDArray[Any]]:
+def model_orders(
+    view: GatheredOrders, earlier: Sequence[SavedBuilding] | None, parameters: BuildingParameters
+) -> dict[str, NDArray[Any]]:
     """The buildings of a block after its orders, as the arrays of their file: each in the place of the one it
-    is of, and behind them those that were not found."""
+    is of, and behind them those that were not found. One that follows from the same as one of an `earlier`
+    result is taken over from it."""
     orders = {order.id: order for order in view.orders}
-    results: list[BuildingResult | SavedBuilding] = []
+    before = {building.key: building for building in earlier or () if building.key}
+    results: list[tuple[BuildingResult | SavedBuilding, str]] = []
     for saved in saved_buildings(view.found) if view.found else ():
         order = orders.pop(str(saved.row.values["id"]), None)
         if order is None:
-            results.append(saved)
+            results.append((saved, ""))
+        elif order.stays:
+            results.append((confirmed(saved, order), ""))
         else:
-            results += model_order(order, view, version_of(saved.result), parameters)
+            results += model_order(order, view, version_of(saved.result), before, parameters)
     for order in orders.values():
-        results += model_order(order, view, {}, parameters)
-    return building_arrays(results)
+        results += model_order(order, view, {}, before, parameters)
+    return building_arrays([result for result, _ in results], [key for _, key in results])
+
+
+def confirmed(saved: SavedBuilding, order: Order) -> BuildingResult:
+    """A building as it was found, which says that a person looked at it."""
+    result = saved.result
+    if not isinstance(result.outcome, BuildingModel):
+        return result
+    attributes = {**order.attributes, **result.outcome.attributes}
+    return replace(result, outcome=result.outcome.with_(attributes=attributes))
 
 
 def model_order(
-    order: Order, view: GatheredOrders, version: Mapping[str, Any], parameters: BuildingParameters
-) -> Iterator[BuildingResult]:
-    """The buildings that an order asks for, with the `version` of the building as it was found; an outline
-    without an area gives none."""
-    block = {"block_id": order.id} if len(order.outlines) > 1 else {}
-    for name, _ in order.parts:
-        points = view.points.get(name)
+    order: Order,
+    view: GatheredOrders,
+    version: Mapping[str, Any],
+    before: Mapping[str, SavedBuilding],
+    parameters: BuildingParameters,
+) -> Iterator[tuple[BuildingResult | SavedBuilding, str]]:
+    """The buildings that an order asks for, with the `version` of the building as it was found, each with the
+    key of what it follows from; an outline without an area gives none."""
+    block = {"block_id": order.id} if len(order.parts) > 1 else {}
+    for part in order.parts:
+        points = view.points.get(part.id)
         if points is None:
+            continue
+        key = key_of(part, points, view.outlines[part.id], version, block)
+        if key in before:
+            yield before[key], key
             continue
         if isinstance(points, Failure):
             result = BuildingResult.without_points(points)
         else:
             unit_m = parameters.system.horizontal_unit_m
-            result = try_building(points, view.outlines[name], parameters, unit_m, order.flat)
+            result = try_building(points, view.outlines[part.id], parameters, unit_m, part.roof)
         outcome = result.outcome
         if isinstance(outcome, BuildingModel):
-            attributes = {**order.attributes, **outcome.attributes, **block, **version}
-            yield replace(result, outcome=outcome.with_(attributes=attributes))
+            attributes = {**part.attributes, **outcome.attributes, **block, **version}
+            yield replace(result, outcome=outcome.with_(attributes=attributes)), key
         else:
-            edits = ", ".join(order.attributes.values())
-            yield replace(result, outcome=replace(outcome, reason=f"{outcome.reason} (edit: {edits})"))
+            edits = ", ".join(part.attributes.values())
+            reason = f"{outcome.reason} (edit: {edits})"
+            yield replace(result, outcome=replace(outcome, reason=reason)), key
 
 
 def version_of(result: BuildingResult) -> dict[str, Any]:

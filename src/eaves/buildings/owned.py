@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,9 +42,9 @@ from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL, heights_under
-from eaves.reconstruct import add_overhangs, reconstruct_building
+from eaves.reconstruct import Reconstructor, add_overhangs, reconstruct_building
 from eaves.reconstruct.stage import FALLBACK
-from eaves.roof import segment_roof
+from eaves.roof import RoofMethod, segment_roof
 from eaves.roof.toolkit.crowns import crown_points
 from eaves.run.clock import Clock
 from eaves.run.keys import key_of
@@ -63,6 +63,36 @@ if TYPE_CHECKING:
 
 
 log = logging.getLogger("eaves")
+
+
+FLAT, COARSER, FINER, GABLE, HIP = "flat", "coarser", "finer", "gable", "hip"
+"""Shapes of a roof that a person states."""
+PRICED = {COARSER: 4.0, FINER: 0.25}
+"""The price of a roof face in those of the recipe: at a quarter and at four times of it most roofs show
+another number of faces."""
+
+
+@dataclass(frozen=True)
+class StatedRoof:
+    """What a person states of a roof: its shape, empty for that of its points, and heights (m) of its base
+    and eaves, None for those measured; for a shape that a method of its own makes, the method, and the
+    digests of its code."""
+
+    shape: str = ""
+    base: float | None = None
+    eaves: float | None = None
+    method: Reconstructor | None = None
+    code: tuple[str, ...] = ()
+
+    def segmentation(self, roof: RoofMethod) -> RoofMethod:
+        """The method of the recipe, its faces priced for the shape where it has a price."""
+        price = getattr(roof, "price", None)
+        if price is None or self.shape not in PRICED:
+            return roof
+        return roof.model_copy(update={"price": price * PRICED[self.shape]})
+
+
+OF_POINTS = StatedRoof()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,13 +158,13 @@ def try_building(
     footprint: Footprint | Failure,
     recipe: Recipe,
     unit_m: float,
-    flat: bool = False,
+    stated: StatedRoof = OF_POINTS,
     check: bool = True,
 ) -> BuildingResult:
     """The answer of `building_pass` for all points, or what is left of a building where it raises: one must
     not take the others of its block with it."""
     try:
-        return building_pass(building, footprint, recipe, unit_m, flat, check)
+        return building_pass(building, footprint, recipe, unit_m, stated, check)
     except ContractError:  # of a method that returns this no building can be right
         raise
     except Exception as error:
@@ -287,12 +317,12 @@ def building_pass(
     footprint: Footprint | Failure,
     recipe: Recipe,
     unit_m: float = 1.0,
-    flat: bool = False,
+    stated: StatedRoof = OF_POINTS,
     check: bool = True,
 ) -> BuildingResult:
     """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in.
 
-    `flat` states that the roof is one level plane, whatever its points look like. Without `check` the model
+    What a person `stated` of the roof holds, whatever its points look like. Without `check` the model
     may have levels that are not valid, or not asked for.
     """
     clock = Clock()
@@ -307,18 +337,28 @@ def building_pass(
         return BuildingResult(model, building.point_id, plane, clock.laps)
 
     rng = np.random.default_rng(int(key_of(points), 16))  # by its points: nothing else changes its roof
-    planes = [level_plane(points)] if flat else segment_roof(points, building.spacing, recipe.roof, rng=rng)
+    planes = (
+        [level_plane(points)]
+        if stated.shape == FLAT
+        else segment_roof(points, building.spacing, stated.segmentation(recipe.roof), rng=rng)
+    )
     for number, segment in enumerate(planes, 1):
         plane[roof[segment.members]] = number
     clock.lap("roof")
 
-    doubt = "" if flat or recipe.from_raster else lacks_roof(building, roof, planes)
+    doubt = "" if stated.shape or recipe.from_raster else lacks_roof(building, roof, planes)
     base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
+    if stated.base is not None:
+        base = terrain = stated.base
     if not np.isfinite(base):
         outcome: BuildingModel | Failure = no_ground(footprint)
     else:
-        method = FALLBACK if doubt else recipe.reconstruct
+        method = FALLBACK if doubt else stated.method or recipe.reconstruct
         outcome = reconstruct_building(points, footprint, planes, base, method)
+        if stated.eaves is not None and isinstance(outcome, BuildingModel):
+            rise = stated.eaves - float(outcome.attributes["h_eaves"])
+            points, planes = points + [0.0, 0.0, rise], [raised(plane, rise) for plane in planes]
+            outcome = reconstruct_building(points, footprint, planes, base, method)
         if doubt and isinstance(outcome, BuildingModel):
             why = {"fallback_code": NO_ROOF, "fallback_reason": doubt}
             outcome = outcome.with_(attributes={**outcome.attributes, **why})
@@ -429,6 +469,12 @@ def lacks_roof(building: BuildingPoints, roof: NDArray[np.int64], planes: Sequen
     if np.mean(~ends) <= LEAST_PIERCED or solid >= LEAST_SOLID:
         return ""
     return f"{np.mean(~ends):.0%} of its points let the pulse through, {solid:.0%} end it on a plane: leaves"
+
+
+def raised(plane: RoofPlane, rise: float) -> RoofPlane:
+    """The plane of points that lie higher by so much (m)."""
+    a, b, c = plane.coefficients
+    return replace(plane, coefficients=(a, b, c + rise))
 
 
 def level_plane(points: Points) -> RoofPlane:

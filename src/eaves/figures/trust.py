@@ -70,6 +70,10 @@ NO_ROOF_BADNESS = 0.9
 """How likely a model is wrong whose points are a crown's, a hedge's or the ground's."""
 
 
+MANUAL = "manual"
+"""The trust of a building that a person edited or confirmed."""
+
+
 def is_vehicle(row: Mapping[str, Any]) -> bool:
     """True for a level top that has the width, height and length of a trailer or container, or the height and
     length of trailers and the width of several side by side."""
@@ -145,8 +149,8 @@ def has_defect(row: Mapping[str, Any]) -> bool:
 
 
 def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
-    """The class of trust of a building (high, medium, low), how likely it is wrong (0 to 1), and the reasons
-    in words.
+    """The class of trust of a building (high, medium, low; manual where a person set it), how likely it is
+    wrong (0 to 1), and the reasons in words.
 
     Right is a building of which nine tenths of the plan lie within 0.2 m of the true roof, and nine tenths of
     the outline within 1 m of the true one, and the other way round. What towns of which everything is known
@@ -180,6 +184,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     if doubts:
         badness = max(badness, 1.0 - 0.5 * (HIGH + LOW))
     trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness > LOW else "low"
+    trust = MANUAL if row.get("edit") else trust
     return trust, badness, "; ".join(dict.fromkeys([*reasons, *doubts]) or [SMALL_DOUBTS] * (trust != "high"))
 
 

@@ -14,7 +14,7 @@ import shapely
 
 from eaves.detect.stage import HOUSE_M2, OBJECT
 from eaves.figures.rows import BuildingRow
-from eaves.figures.trust import has_defect, judge, lacks_model
+from eaves.figures.trust import MANUAL, has_defect, judge, lacks_model
 from eaves.formats.vectors.geopackage import Row
 from eaves.formats.whole_files import atomic
 from eaves.model import Block, CoordinateSystem, Doubt
@@ -41,7 +41,7 @@ def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
     for building in buildings:
         trust, badness, reason = judge(building.values)
         worth = badness * building.values["area_m2"]
-        weak = trust == "low" or has_defect(building.values)
+        weak = trust == "low" or (trust != MANUAL and has_defect(building.values))
         if lacks_model(building.values) or (weak and worth >= LEAST_WORTH_M2):
             attributes = {
                 "id": building.values["id"],

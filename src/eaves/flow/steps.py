@@ -156,6 +156,7 @@ EDITED = Step(
     inputs_of=inputs_of_edited,
     run=model_orders,
     reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low", "from_raster"),
+    earlier=load_buildings,
     booked="buildings",
     shown=True,
     persistent=True,

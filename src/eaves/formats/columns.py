@@ -134,7 +134,7 @@ COLUMNS: dict[str, Column] = {
     "stands_free": Column("Stands free", "", "the roof has open sides and no wall: a canopy", bool),
     "block_id": Column("Block", "", "id of the block of houses that the building is a part of", str),
     "wall_certainty": Column("Certainty of party walls", "", "of the least certain one, 0 to 1"),
-    "trust": Column("Trust", "", "high, medium or low", str),
+    "trust": Column("Trust", "", "high, medium or low; manual where a person set it", str),
     "trust_score": Column(
         "Trust score", "", "probability that nine tenths of its plan lie within 0.2 m of the true roof"
     ),
@@ -193,6 +193,7 @@ COLUMNS: dict[str, Column] = {
     "given_map_height_m": Column("Height on the map", "m", "as the map of the footprints has it"),
     "edit": Column("Edit", "", "what a user said of the building", str),
     "edit_source": Column("Source of the edit", "", "the file that holds it", str),
+    "reviewed": Column("Reviewed", "", "day on which an operator edited or confirmed it", str),
     "change": Column("Change", "", "what became of the building between two epochs", str),
     "also": Column("Also", "", "what else became of it", str),
     "certainty": Column(

@@ -177,7 +177,9 @@ class Summary:
                 lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
         if self.trust:
             high, medium, low = (self.trust.get(name, 0) for name in ("high", "medium", "low"))
-            lines.append(f"{many}: trust high {high:,}, medium {medium:,}, low {low:,}")
+            manual = self.trust.get("manual", 0)
+            edited = f", manual {manual:,}" if manual else ""
+            lines.append(f"{many}: trust high {high:,}, medium {medium:,}, low {low:,}{edited}")
         return "\n".join([*lines, self._ending()])
 
     def _ending(self) -> str:

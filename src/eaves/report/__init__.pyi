@@ -6,9 +6,15 @@ from .contents import read_contents as read_contents
 from .page_file import MILLIMETRES as MILLIMETRES
 from .page_file import as_millimetres as as_millimetres
 from .page_file import iter_arrays as iter_arrays
+from .page_file import iter_data as iter_data
 from .page_file import iter_page as iter_page
 from .page_file import page_data as page_data
 from .page_file import say_shown as say_shown
 from .page_file import terrain_array as terrain_array
 from .plots.plot import plot_run as plot_run
+from .sample import Sample as Sample
+from .serve import HOST as HOST
+from .serve import Handler as Handler
+from .serve import open_server as open_server
 from .site import write_site as write_site
+from .view import describe_run as describe_run

@@ -80,8 +80,8 @@ class Server(ThreadingHTTPServer):
         """Let go of a connection that broke."""
 
 
-def open_server(site: Path, port: int = PORT) -> Server:
-    """A server that listens on this computer only; `port` 0 takes any free one.
+def open_server(site: Path | Callable[..., BaseHTTPRequestHandler], port: int = PORT) -> Server:
+    """A server that listens on this computer only, of a site or with a handler; `port` 0 takes any free one.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def open_server(site: Path, port: int = PORT) -> Server:
         When the port is in use or not allowed.
     """
     try:
-        return Server((HOST, port), partial(Handler, site=site))
+        return Server((HOST, port), partial(Handler, site=site) if isinstance(site, Path) else site)
     except (OSError, OverflowError) as error:
         in_use = isinstance(error, OSError) and error.errno == errno.EADDRINUSE
         why = "is in use" if in_use else f"cannot be had ({error})"

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime
+from getpass import getuser
 from pathlib import Path
+from platform import node
 
 from filelock import FileLock, Timeout
 
@@ -40,16 +44,27 @@ def lock_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
     ...     Path(".eaves-lock").exists()
     True
     """
-    lock = FileLock(folder / name, timeout=0)
+    lock, note = FileLock(folder / name, timeout=0), folder / f"{name}-by"
     try:
         lock.acquire()
     except Timeout:
+        by = ""
+        with suppress(OSError):
+            by = f" ({note.read_text(encoding='utf-8')})"
         raise InputError.about(
-            folder, f"another run is writing here and holds {name}", "wait for it, or choose another folder"
+            folder,
+            f"another run is writing here and holds {name}{by}",
+            "wait for it, or choose another folder",
         ) from None
     try:
+        with suppress(OSError, KeyError):  # a system may not know who we are
+            since = f"{datetime.now():%H:%M}"
+            note.write_text(
+                f"{getuser()} on {node()}, process {os.getpid()}, since {since}", encoding="utf-8"
+            )
         yield
     finally:
         with suppress(OSError):  # while it is held, so that no other run has just taken it
+            note.unlink()
             (folder / name).unlink()
         lock.release()

@@ -1,3 +1,10 @@
+from .corrected import OVERLAP_M2 as OVERLAP_M2
+from .edits import VERDICTS as VERDICTS
+from .edits import Edit as Edit
+from .edits import read_edits as read_edits
+from .trial import Trial as Trial
+from .trial import open_trial as open_trial
+from .update import update as update
 from .versions import NARROWEST_CHANGE_M as NARROWEST_CHANGE_M
 from .versions import SAME_SURFACE_M as SAME_SURFACE_M
 from .versions import SMALLEST_CHANGE_M2 as SMALLEST_CHANGE_M2

@@ -19,7 +19,7 @@ from eaves.flow.region import model_edits
 from eaves.flow.run import Run
 from eaves.flow.step import Region
 from eaves.flow.steps import BUILDINGS, EDITED
-from eaves.model import Block, CoordinateSystem, Failure, Footprint
+from eaves.model import Block, CoordinateSystem, Footprint
 from eaves.run.keys import NAMED
 from eaves.run.manifest import is_changed, known_files
 from eaves.upkeep.edits import Edit, edits_of_layer, read_edits, settle, write_edits
@@ -80,8 +80,8 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     model_edits(region, units)
     conflicts += overlaps(orders, outlines_in(SavedBuildings(store), side))
     return Corrected(
-        tuple(name for order in orders for name, _ in order.parts),
-        tuple(order.id for order in orders if not order.outlines),
+        tuple(part.id for order in orders for part in order.modelled),
+        tuple(order.id for order in orders if not order.parts),
         tuple(
             reason for unit in units for reason in failures_in(unit, SavedBuildings(store, (EDITED.name,)))
         ),
@@ -94,14 +94,13 @@ def failures_in(unit: OwnedOrders, edited: SavedBuildings) -> Iterator[str]:
     """The buildings that the orders of a block ask for and of which there is no model, with the reason."""
     if edited.path(unit.owner_block) is None:
         return  # the whole block failed, which the run says
-    outcomes = edited.answers([unit.owner_block])
-    by_id = {building.footprint.id: building for building in outcomes if building.footprint is not None}
-    for name, _ in (part for order in unit.orders for part in order.parts):
-        outcome = by_id.get(name)
-        if outcome is None:
+    rows = {str(row.values["id"]): row for row in edited.rows([unit.owner_block])}
+    for name in (part.id for order in unit.orders for part in order.modelled):
+        row = rows.get(name)
+        if row is None:
             yield f"{name}: its outline has no area"
-        elif isinstance(outcome, Failure):
-            yield f"{name}: {outcome.reason}"
+        elif not row.modelled:
+            yield f"{name}: {row.values['failure_reason']}"
 
 
 def overlaps(orders: Sequence[Order], shown: Mapping[str, Polygon]) -> list[str]:

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from eaves.buildings.edited import Order
+from eaves.buildings.edited import Order, OrderedPart
+from eaves.buildings.owned import COARSER, FINER, FLAT, GABLE, HIP, StatedRoof
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.geometry.overlaps import HALF
 from eaves.geometry.rings import as_polygon
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.methods import resolve_method
 from eaves.model import CoordinateSystem
+from eaves.reconstruct import Reconstructor
+from eaves.run.keys import code_of_methods
 
 NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS = (
     "no building",
@@ -25,7 +32,18 @@ NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS = (
     "footprint",
     "party walls",
 )
-VERDICTS = (NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS)
+RIGHT, BASE_HEIGHT, EAVES_HEIGHT = "right", "base height", "eaves height"
+SHAPES = {
+    FLAT_ROOF: FLAT,
+    "coarser roof": COARSER,
+    "finer roof": FINER,
+    "gable roof": GABLE,
+    "hip roof": HIP,
+    "roof of points": "",
+}
+"""The shape of a roof that a verdict states."""
+OUTLINES, HEIGHTS = (IS_BUILDING, FOOTPRINT, PARTY_WALLS), (BASE_HEIGHT, EAVES_HEIGHT)
+VERDICTS = (NO_BUILDING, *OUTLINES, *SHAPES, *HEIGHTS, RIGHT)
 
 DIFFERENT_M2 = 0.05
 """An outline was edited when it differs by more than this (m²): drivers round coordinates."""
@@ -37,17 +55,26 @@ class Edit:
 
     `id` names the building it is of; for a building that was not found it is empty, or the new building's.
     `polygon` (world metres) is the outline to use, one of the houses between party walls, or the place.
+    `value` is the height (m) that a verdict states. An edit made at the operator's table has the number of
+    its action, the day, and the reason for which the building was to be reviewed.
     """
 
     verdict: str
     polygon: Polygon | MultiPolygon
     id: str = ""
     source: str = ""
+    value: float | None = None
+    action: int = 0
+    reviewed: str = ""
+    reason: str = ""
 
     @property
     def row(self) -> Row:
         """As the file of edits has it."""
-        return Row(self.polygon, {"verdict": self.verdict, "id": self.id or None, "source": self.source})
+        more: dict[str, Any] = {"value": self.value, "action": self.action or None}
+        more |= {"reviewed": self.reviewed or None, "reason": self.reason or None}
+        columns = {"verdict": self.verdict, "id": self.id or None, "source": self.source}
+        return Row(self.polygon, columns | {name: value for name, value in more.items() if value is not None})
 
 
 def read_edits(
@@ -71,9 +98,36 @@ def read_edits(
     if rows and "verdict" not in rows[0]:
         raise InputError.about(path, "has no field 'verdict'", f"add it, with one of: {', '.join(VERDICTS)}")
     return [
-        Edit(verdict, polygon, name, str(row.get("source") or path.name))
+        Edit(
+            verdict,
+            polygon,
+            name,
+            str(row.get("source") or path.name),
+            height_of(path, verdict, row),
+            int(row.get("action") or 0),
+            *(str(row.get(column) or "") for column in ("reviewed", "reason")),
+        )
         for verdict, polygon, name, row in features_of(path, polygons, rows, VERDICTS)
     ]
+
+
+def height_of(path: Path, verdict: str, row: Mapping[str, Any]) -> float | None:
+    """The height (m) that a verdict of a file states; None for the others.
+
+    Raises
+    ------
+    InputError
+        When it states none.
+    """
+    if verdict not in HEIGHTS:
+        return None
+    try:
+        height = float(row.get("value") or "")
+    except (TypeError, ValueError):
+        height = math.nan
+    if not math.isfinite(height):
+        raise InputError.about(path, f"'{verdict}' has no number", "give the height (m) in the field 'value'")
+    return height
 
 
 def features_of(
@@ -90,13 +144,21 @@ def features_of(
         When a verdict is none of those, or a polygon has no area.
     """
     for number, (polygon, row) in enumerate(zip(polygons, rows, strict=True), 1):
-        verdict, whole = str(row.get("verdict") or "").strip().lower(), as_polygon(polygon)
+        verdict, whole = str(row.get("verdict") or "").strip().lower(), repaired(polygon)
         if verdict not in verdicts:
             rule = f"feature {number} has the verdict '{row['verdict']}'"
             raise InputError.about(path, rule, f"use one of: {', '.join(VERDICTS)}")
         if whole is None:
             raise InputError.about(path, f"feature {number} has no area", "fix or delete it")
         yield verdict, whole, str(row.get("id") or ""), row
+
+
+def repaired(shape: Polygon | MultiPolygon) -> Polygon | None:
+    """The polygon of a feature; itself where it is sound and on the grid, as one that was read before is."""
+    rounded = shapely.set_precision(shape, COORDINATE_STEP, mode="pointwise")
+    if isinstance(shape, Polygon) and shape.is_valid and rounded.equals_exact(shape, 0.0):
+        return shape
+    return as_polygon(shape)
 
 
 def read_verdict_table(
@@ -176,14 +238,18 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
     own: dict[str, list[Edit]] = {}
     fresh: dict[str, list[Edit]] = {}
     for edit in edits:
-        name = edit.id if edit.id in outlines else located(edit, names, outlines, tree)
+        name = divided(edit.id, {**outlines, **fresh})
+        if name in fresh:
+            fresh[name].append(edit)
+            continue
+        name = name or located(edit, names, outlines, tree)
         if name:
-            if edit.id and edit.id != name:
+            if edit.id and divided(edit.id, outlines) != name:
                 conflicts.append(
                     f"{edit.verdict} of '{edit.id}', which no longer exists: applied to {name} at its place"
                 )
             own.setdefault(name, []).append(edit)
-        elif edit.verdict == IS_BUILDING or (edit.id and edit.id in fresh):
+        elif edit.verdict == IS_BUILDING:
             place = edit.polygon.representative_point()
             fresh.setdefault(edit.id or f"e{place.x:.0f}_{place.y:.0f}", []).append(edit)
         else:
@@ -193,6 +259,16 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
     orders = [settled(name, some, outlines[name], conflicts) for name, some in own.items()]
     orders += [settled(name, some, some[0].polygon, conflicts) for name, some in fresh.items()]
     return orders, conflicts
+
+
+def divided(name: str, known: Mapping[str, object]) -> str:
+    """The building that an id is of, itself or one of its parts (`a-2`, `a-2-3`), among those known; empty
+    where it is of none."""
+    while name not in known:
+        name, dash, number = name.rpartition("-")
+        if not dash or not number.isdigit():
+            return ""
+    return name
 
 
 def located(edit: Edit, names: Sequence[str], outlines: dict[str, Polygon], tree: shapely.STRtree) -> str:
@@ -205,31 +281,97 @@ def located(edit: Edit, names: Sequence[str], outlines: dict[str, Polygon], tree
     return best
 
 
+@dataclass
+class Draft:
+    """A part of a building as its edits have left it: its outline, its roof, and the edits that hold."""
+
+    outline: Polygon
+    shape: str = ""
+    heights: dict[str, float] = field(default_factory=dict)
+    used: list[Edit] = field(default_factory=list)
+    gone: bool = False
+
+    def take(self, name: str, edit: Edit, conflicts: list[str]) -> None:
+        """Take up an edit; the later one holds."""
+        verdict, last = edit.verdict, self.used[-1].verdict if self.used else ""
+        if (verdict == NO_BUILDING) != self.gone and self.used and (self.gone or last != RIGHT):
+            conflicts += [f"{name}: '{verdict}' after '{last}': the later one holds"] * (not edit.action)
+            self.used = []
+        drawn = any(one.verdict in (FOOTPRINT, PARTY_WALLS) for one in self.used)
+        if verdict in (IS_BUILDING, FOOTPRINT) and drawn and not edit.action:
+            conflicts.append(f"{name}: a second outline: the later one holds")
+        self.gone = verdict == NO_BUILDING
+        self.used.append(edit)
+        if verdict in OUTLINES:
+            self.outline = edit.polygon
+        elif verdict in SHAPES:
+            self.shape = SHAPES[verdict]
+        elif edit.value is not None:
+            self.heights[verdict] = edit.value
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """What the building says of its edits."""
+        words = {"edit": [edit.verdict for edit in self.used]}
+        words["edit_source"] = [edit.source for edit in self.used]
+        words["reviewed"] = [edit.reviewed for edit in self.used if edit.reviewed][-1:]
+        return {name: ", ".join(dict.fromkeys(some)) for name, some in words.items() if some}
+
+    @property
+    def roof(self) -> StatedRoof:
+        """What they state of the roof."""
+        method, code = method_of(self.shape)
+        base, eaves = (self.heights.get(verdict) for verdict in HEIGHTS)
+        return StatedRoof(self.shape, base, eaves, method, code)
+
+
+def method_of(shape: str) -> tuple[Reconstructor | None, tuple[str, ...]]:
+    """The method that makes roofs of a shape, with the digests of its code; None for that of the run."""
+    if shape not in (GABLE, HIP):
+        return None, ()
+    houses = {"only": shape, "empty_share": 1.0, "unexplained_share": 1.0}
+    method = resolve_method("reconstruct", {"method": "maas_vosselman", "houses": houses})
+    assert isinstance(method, Reconstructor)
+    return method, tuple(code_of_methods(method))
+
+
 def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[str]) -> Order:
-    """The outcome of the edits of one building: the latest outline and the latest word on whether it is
-    one."""
-    outlines: tuple[Polygon, ...] = (outline,)
-    flat, gone = False, False
-    used: list[Edit] = []
-    last = ""
+    """The outcome of the edits of one building: of each of its parts the latest outline and roof, and the
+    latest word on whether it is one."""
+    parts = {name: Draft(outline)}
+    division: tuple[str, int] | None = None
     for edit in edits:
-        verdict = edit.verdict
-        if gone and verdict != NO_BUILDING:
-            conflicts.append(f"{name}: '{verdict}' after '{NO_BUILDING}': the later one holds")
-            used = []
-        if verdict == NO_BUILDING and used:
-            conflicts.append(f"{name}: '{NO_BUILDING}' after '{used[-1].verdict}': the later one holds")
-            used = []
-        gone, flat = verdict == NO_BUILDING, flat or verdict == FLAT_ROOF
-        used.append(edit)
-        if verdict == PARTY_WALLS and last == PARTY_WALLS:
-            outlines = (*outlines, edit.polygon)
-        elif verdict not in (NO_BUILDING, FLAT_ROOF):
-            if verdict != PARTY_WALLS and last in (FOOTPRINT, PARTY_WALLS):
-                conflicts.append(f"{name}: a second outline: the later one holds")
-            outlines = (edit.polygon,)
-        last = verdict if verdict != FLAT_ROOF else last
-    attributes = {"edit": dict.fromkeys(edit.verdict for edit in used)}
-    attributes["edit_source"] = dict.fromkeys(edit.source for edit in used)
-    words = {name: ", ".join(some) for name, some in attributes.items()}
-    return Order(name, () if gone else outlines, flat, words)
+        if edit.id not in parts and divided(edit.id, {name: 0}):
+            conflicts.append(f"{edit.verdict} of '{edit.id}': it is no part of {name} now; left out")
+            continue
+        first = next(one for one in (edit.id, name, *parts) if one in parts)
+        targets = [first] if len(parts) == 1 or first != name else meant(edit, parts)
+        if edit.verdict == PARTY_WALLS and division == (first, edit.action):
+            fresh = next(free for n in count(2) if (free := f"{first}-{n}") not in parts)
+            near = parts[first]
+            parts[fresh] = Draft(edit.polygon, near.shape, dict(near.heights), [edit])
+        elif edit.verdict in OUTLINES:
+            for other in [*targets, *meant(edit, parts)]:
+                if other != first:
+                    parts.pop(other, None)
+            parts[first].take(first, edit, conflicts)
+        else:
+            for target in targets:
+                parts[target].take(target, edit, conflicts)
+        if edit.verdict in OUTLINES:
+            division = (first, edit.action) if edit.verdict == PARTY_WALLS else None
+    left = {key: part for key, part in parts.items() if not part.gone}
+    ordered = tuple(OrderedPart(key, part.outline, part.roof, part.attributes) for key, part in left.items())
+    stays = all(edit.verdict == RIGHT for part in parts.values() for edit in part.used) and len(parts) == 1
+    return Order(name, ordered, next(iter(parts.values())).attributes, stays)
+
+
+def meant(edit: Edit, parts: Mapping[str, Draft]) -> list[str]:
+    """The parts of a building that the place of an edit covers by half; the one that it names where it covers
+    none."""
+    covered = [
+        name
+        for name, part in parts.items()
+        if shapely.intersection(part.outline, edit.polygon).area >= HALF * part.outline.area
+    ]
+    return covered or [name for name in parts if name == edit.id]

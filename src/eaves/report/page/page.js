@@ -1,4 +1,4 @@
-// made by `make page` of page/src e67f6e4930bb74e1
+// made by `make page` of page/src 266ff1e63551bf2c
 "use strict";(()=>{var byId=name=>document.getElementById(name),field=name=>byId(name),source=globalThis.document?.getElementById("data"),page=source?JSON.parse(source.textContent??
 ""):{},element=(tag,attributes={},...children)=>{let made2=document.createElement(tag);for(let[name,value]of Object.entries(attributes))made2.setAttribute(name,
 String(value));return made2.append(...children),made2};function figure(value,name=""){return value==null?"":typeof value!="number"||Number.isInteger(value)?String(
@@ -71,37 +71,37 @@ nge",selected:""},"change"))}}share(){let wide=this.canvas.clientWidth;return by
 epoch===1===old}};var CLASSES={0:["not used","#a7adb3"],1:["other","#8d9b6f"],2:["ground","#b59a74"],3:["low vegetation","#a6c36f"],4:["medium vegetation","#6ba14f"],5:["high veg\
 etation","#3f7f3f"],6:["building","#8e1b2e"],7:["low noise","#e03fd8"],9:["water","#4f8fd0"],14:["wire","#d98c3f"],15:["tower","#8a5a2b"],17:["bridge","#9a7bb0"],
 18:["high noise","#e03fd8"]},SET=["#4e79a7","#f28e2b","#59a14f","#b07aa1","#76b7b2","#edc948","#9c755f","#ff9da7","#8cd17d","#86bcb6"],LOD_COLOURS={"2.3":"#2f7f\
-8f","2.2":"#4c9f70","2.0":"#9fc24d","1.3":"#e0b040","1.2":"#e07b39",0:"#8a8fa3",none:"#d23b3b"},TRUST_COLOURS={high:"#5b8c85",medium:"#f2c14e",low:"#c8102e",none:"\
-#8b8b8b"},VIRIDIS=["#440154","#3b528b","#21918c","#5ec962","#fde725"],DIVERGING=["#2f6fd6","#7fb0d8","#a9b5a4","#e39a6b","#d0302f"],CYCLE=["#e0524d","#d9c23f","\
-#4dab5b","#3f7fd0","#e0524d"],NOTHING="#8b8b8b",bytes=colour=>[1,3,5].map(place=>parseInt(colour.slice(place,place+2),16));function ramp(colours){let stops=colours.
-map(bytes),last=stops.length-1;return share=>{let place=Math.min(last-1e-6,Math.max(0,share*last)),low=Math.floor(place),part=place-low;return stops[low].map((value,channel)=>Math.
-round(value+part*(stops[low+1][channel]-value)))}}function scaleOf(colours,low,high,unit,names){let at=ramp(colours),grey=bytes(NOTHING),span=high>low?high-low:
-1;return{colour:value=>Number.isFinite(value)?at((value-low)/span):grey,legend:{colours,low,high,unit,names}}}function setOf(words2,known={}){let table=new Map(
-words2.map((word,place)=>[word,known[word]||SET[place%SET.length]]));return{colour:word=>bytes(table.get(word)||NOTHING),legend:{words:[...table]}}}function spread(values,lowest=.02,highest=.98){
-let finite=Float64Array.from(values).filter(Number.isFinite).sort();return finite.length?[finite[Math.floor(lowest*(finite.length-1))],finite[Math.floor(highest*
-(finite.length-1))]]:[0,1]}var column=(rows,name)=>rows.map(row=>row[name]===null||row[name]===void 0?NaN:Number(row[name])),words=(rows,name,missing)=>rows.map(
-row=>row[name]||missing),distinct=list=>[...new Set(list)].sort();function pointColours(way,{points,rows}){if(way==="height"){let heights=spread(points.xyz.filter(
-(_,place)=>place%3===2)),scale=scaleOf(VIRIDIS,heights[0],heights[1],"m");return scale.legend.shift=points.base,{at:number=>scale.colour(points.xyz[3*number+2]),
-legend:scale.legend}}if(way==="building")return{at:number=>points.building[number]?bytes(SET[points.building[number]*7%SET.length]):bytes(NOTHING),legend:{text:`${rows.
-length} buildings, a colour each; grey: none`}};if(way==="plane")return{at:number=>points.plane[number]?bytes(SET[points.plane[number]*3%SET.length]):bytes(NOTHING),
-legend:{text:"neighbouring roof planes differ; grey: on no plane"}};if(way==="distance"){let scale=scaleOf(DIVERGING,-.3,.3,"m over the model’s roof");return{
-at:number=>scale.colour(points.distance[number]===32767?NaN:points.distance[number]/1e3),legend:scale.legend}}let there=distinct(points.classification),table=there.
-map(code=>CLASSES[code]||[`class ${code}`,NOTHING]),colours=new Map(there.map((code,place)=>[code,bytes(table[place][1])]));return{at:number=>colours.get(points.
-classification[number])??bytes(NOTHING),legend:{words:table}}}function modelColours(way,{triangles,rows}){if(way==="surface"){let scale2=setOf(["roof","wall","u\
-nderside","ground"],{roof:"#cf6a50",wall:"#d9d3c5",underside:"#b08968",ground:"#8a8fa3"});return{at:number=>scale2.colour(["ground","wall","roof","underside"][triangles.
-kind[number]]),legend:scale2.legend}}if(way==="slope"){let scale2=scaleOf(VIRIDIS,0,60,"° of slope");return{at:number=>triangles.kind[number]===2?scale2.colour(
-triangles.slope[number]):bytes("#f4f1ea"),legend:scale2.legend}}if(way==="azimuth"){let scale2=scaleOf(CYCLE,0,360,"",["N","E","S","W","N"]);return{at:number=>triangles.
-kind[number]===2&&triangles.slope[number]>=2?scale2.colour(triangles.azimuth[number]):bytes("#f4f1ea"),legend:scale2.legend}}if(way==="fit"){let scale2=scaleOf(
-["#3f9b6a","#e7d04a","#d23b3b"],0,.5,"m RMSE of each roof face; grey: no points"),side=bytes("#f4f1ea");return{at:number=>triangles.kind[number]===2?scale2.colour(
-triangles.error[number]===65535?NaN:triangles.error[number]/1e3):side,legend:scale2.legend}}let name={change:"change",lod:"lod",type:"roof_type",failure:"failur\
-e_code",trust:"trust"}[way]??way,values=words(rows,name,way==="failure"?"as asked for":"none"),known={"as asked for":"#7fa98f",none:LOD_COLOURS.none};for(let{lod,
-failure_code:code}of rows)way==="failure"&&code&&(!lod||lod==="0")&&(known[code]=LOD_COLOURS.none);let inOrder=way==="trust"?Object.keys(TRUST_COLOURS).filter(word=>values.
-includes(word)):way==="lod"?[...page.lods].reverse().concat("none").filter(word=>values.includes(word)):distinct(values),scale=setOf(inOrder,{change:CHANGES,lod:LOD_COLOURS,
-trust:TRUST_COLOURS}[way]||known);return{at:(_,row)=>scale.colour(values[row]),legend:scale.legend}}function legend(box,{words:words2,colours,low=0,high=0,unit,
-text,names,shift=0}){box.replaceChildren(),text&&box.append(text);for(let[word,colour]of words2||[])box.append(element("span",{class:"key"},element("i",{style:`\
-background:${colour}`}),word));if(colours){let ends=names||[low,high].map(value=>(value+shift).toFixed(Math.abs(high-low)<2?1:0).replace(/^-(0(\.0)?)$/,"$1"));box.
-append(element("span",{class:"ramp",style:`background:linear-gradient(90deg,${colours})`}),element("span",{class:"ends"},...ends.map(end=>element("span",{},end))),
-unit||"")}}function bars(title,entries,note=""){let most=Math.max(1,...entries.map(([,count])=>count)),list=element("ol",{class:"bars"});for(let[label,count]of entries){let bar=element(
+8f","2.2":"#4c9f70","2.0":"#9fc24d","1.3":"#e0b040","1.2":"#e07b39",0:"#8a8fa3",none:"#d23b3b"},TRUST_COLOURS={high:"#5b8c85",medium:"#f2c14e",low:"#c8102e",manual:"\
+#6a51a3",none:"#8b8b8b"},VIRIDIS=["#440154","#3b528b","#21918c","#5ec962","#fde725"],DIVERGING=["#2f6fd6","#7fb0d8","#a9b5a4","#e39a6b","#d0302f"],CYCLE=["#e052\
+4d","#d9c23f","#4dab5b","#3f7fd0","#e0524d"],NOTHING="#8b8b8b",bytes=colour=>[1,3,5].map(place=>parseInt(colour.slice(place,place+2),16));function ramp(colours){
+let stops=colours.map(bytes),last=stops.length-1;return share=>{let place=Math.min(last-1e-6,Math.max(0,share*last)),low=Math.floor(place),part=place-low;return stops[low].
+map((value,channel)=>Math.round(value+part*(stops[low+1][channel]-value)))}}function scaleOf(colours,low,high,unit,names){let at=ramp(colours),grey=bytes(NOTHING),
+span=high>low?high-low:1;return{colour:value=>Number.isFinite(value)?at((value-low)/span):grey,legend:{colours,low,high,unit,names}}}function setOf(words2,known={}){
+let table=new Map(words2.map((word,place)=>[word,known[word]||SET[place%SET.length]]));return{colour:word=>bytes(table.get(word)||NOTHING),legend:{words:[...table]}}}
+function spread(values,lowest=.02,highest=.98){let finite=Float64Array.from(values).filter(Number.isFinite).sort();return finite.length?[finite[Math.floor(lowest*
+(finite.length-1))],finite[Math.floor(highest*(finite.length-1))]]:[0,1]}var column=(rows,name)=>rows.map(row=>row[name]===null||row[name]===void 0?NaN:Number(row[name])),
+words=(rows,name,missing)=>rows.map(row=>row[name]||missing),distinct=list=>[...new Set(list)].sort();function pointColours(way,{points,rows}){if(way==="height"){
+let heights=spread(points.xyz.filter((_,place)=>place%3===2)),scale=scaleOf(VIRIDIS,heights[0],heights[1],"m");return scale.legend.shift=points.base,{at:number=>scale.
+colour(points.xyz[3*number+2]),legend:scale.legend}}if(way==="building")return{at:number=>points.building[number]?bytes(SET[points.building[number]*7%SET.length]):
+bytes(NOTHING),legend:{text:`${rows.length} buildings, a colour each; grey: none`}};if(way==="plane")return{at:number=>points.plane[number]?bytes(SET[points.plane[number]*
+3%SET.length]):bytes(NOTHING),legend:{text:"neighbouring roof planes differ; grey: on no plane"}};if(way==="distance"){let scale=scaleOf(DIVERGING,-.3,.3,"m ove\
+r the model’s roof");return{at:number=>scale.colour(points.distance[number]===32767?NaN:points.distance[number]/1e3),legend:scale.legend}}let there=distinct(points.
+classification),table=there.map(code=>CLASSES[code]||[`class ${code}`,NOTHING]),colours=new Map(there.map((code,place)=>[code,bytes(table[place][1])]));return{at:number=>colours.
+get(points.classification[number])??bytes(NOTHING),legend:{words:table}}}function modelColours(way,{triangles,rows}){if(way==="surface"){let scale2=setOf(["roof",
+"wall","underside","ground"],{roof:"#cf6a50",wall:"#d9d3c5",underside:"#b08968",ground:"#8a8fa3"});return{at:number=>scale2.colour(["ground","wall","roof","unde\
+rside"][triangles.kind[number]]),legend:scale2.legend}}if(way==="slope"){let scale2=scaleOf(VIRIDIS,0,60,"° of slope");return{at:number=>triangles.kind[number]===
+2?scale2.colour(triangles.slope[number]):bytes("#f4f1ea"),legend:scale2.legend}}if(way==="azimuth"){let scale2=scaleOf(CYCLE,0,360,"",["N","E","S","W","N"]);return{
+at:number=>triangles.kind[number]===2&&triangles.slope[number]>=2?scale2.colour(triangles.azimuth[number]):bytes("#f4f1ea"),legend:scale2.legend}}if(way==="fit"){
+let scale2=scaleOf(["#3f9b6a","#e7d04a","#d23b3b"],0,.5,"m RMSE of each roof face; grey: no points"),side=bytes("#f4f1ea");return{at:number=>triangles.kind[number]===
+2?scale2.colour(triangles.error[number]===65535?NaN:triangles.error[number]/1e3):side,legend:scale2.legend}}let name={change:"change",lod:"lod",type:"roof_type",
+failure:"failure_code",trust:"trust"}[way]??way,values=words(rows,name,way==="failure"?"as asked for":"none"),known={"as asked for":"#7fa98f",none:LOD_COLOURS.none};
+for(let{lod,failure_code:code}of rows)way==="failure"&&code&&(!lod||lod==="0")&&(known[code]=LOD_COLOURS.none);let inOrder=way==="trust"?Object.keys(TRUST_COLOURS).
+filter(word=>values.includes(word)):way==="lod"?[...page.lods].reverse().concat("none").filter(word=>values.includes(word)):distinct(values),scale=setOf(inOrder,
+{change:CHANGES,lod:LOD_COLOURS,trust:TRUST_COLOURS}[way]||known);return{at:(_,row)=>scale.colour(values[row]),legend:scale.legend}}function legend(box,{words:words2,
+colours,low=0,high=0,unit,text,names,shift=0}){box.replaceChildren(),text&&box.append(text);for(let[word,colour]of words2||[])box.append(element("span",{class:"\
+key"},element("i",{style:`background:${colour}`}),word));if(colours){let ends=names||[low,high].map(value=>(value+shift).toFixed(Math.abs(high-low)<2?1:0).replace(
+/^-(0(\.0)?)$/,"$1"));box.append(element("span",{class:"ramp",style:`background:linear-gradient(90deg,${colours})`}),element("span",{class:"ends"},...ends.map(end=>element(
+"span",{},end))),unit||"")}}function bars(title,entries,note=""){let most=Math.max(1,...entries.map(([,count])=>count)),list=element("ol",{class:"bars"});for(let[label,count]of entries){let bar=element(
 "span",{class:"bar",style:`height:${count?Math.max(2,110*count/most):0}px`});list.append(element("li",{title:`${label}: ${count}`},element("span",{class:"count"},
 count?String(count):""),bar,element("span",{class:"label"},label)))}return element("figure",{},element("figcaption",{},title," ",element("small",{},note)),list)}
 function histogram(title,values,width,top,unit,note=""){let known=values.filter(Number.isFinite),count=Math.round(top/width),bins=new Array(count+1).fill(0);for(let value of known)

@@ -213,12 +213,14 @@ def fit_building(
     *,
     closed_only: bool = False,
     sums: bool = False,
+    only: str = "",
 ) -> ParametricBuilding | Failure:
     """The parametric house under roof points (N, 3), or a Failure when there are too few.
 
     With a ground plan, place, orientation, length and width are those of its least rectangle. With
     `closed_only` nothing is fitted: roof, edges and heights are those of the closed solution, and how sure
-    they are is not known (NaN). Moments are integrals over triangles, or `sums` over points.
+    they are is not known (NaN). Moments are integrals over triangles, or `sums` over points. The roof `only`
+    is a gable or a hip, where one is stated.
     """
     if len(points) < FEWEST_POINTS:
         return Failure("too_few_points", f"{len(points)} roof points for a parametric house", "reconstruct")
@@ -227,9 +229,9 @@ def fit_building(
     if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
     rectangle = None if plan is None else rectangle_around(plan)
-    forms, best = solve_closed(points, triangles, rectangle, sums)
+    forms, best = solve_closed(points, triangles, rectangle, sums, only)
     if not closed_only:
-        best = choose_fit(points, forms, turns=rectangle is None)
+        best = choose_fit(points, forms, rectangle is None, only)
     inlier = np.abs(best.residuals) <= CUT * best.scale
     if rectangle is not None or closed_only:
         frame = frame_of(best, rectangle or forms[0])
@@ -245,7 +247,11 @@ def fit_building(
 
 
 def solve_closed(
-    points: Points, triangles: NDArray[np.int32], plan: Rectangle | None, sums: bool = False
+    points: Points,
+    triangles: NDArray[np.int32],
+    plan: Rectangle | None,
+    sums: bool = False,
+    only: str = "",
 ) -> tuple[list[ClosedForm], ParametricFit]:
     """The closed solutions, first the one that explains points (N, 3) best, and its roof with residuals.
 
@@ -258,6 +264,7 @@ def solve_closed(
         moments = surface_moments(heights, triangles, sums)
         level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
         forms = closed_forms(moments, level, growth, plan)
+        forms = [form for form in forms if form.roof == only] or forms
         fits = [closed_fit(points, closed) for closed in forms]
         order = np.argsort(costs_of(fits), kind="stable")
         best = fits[order[0]]
@@ -301,9 +308,10 @@ def hiding(fit: ParametricFit, above: Points, rim: Points) -> Points:
     return above[inside]
 
 
-def choose_fit(points: Points, closed: list[ClosedForm], turns: bool) -> ParametricFit:
+def choose_fit(points: Points, closed: list[ClosedForm], turns: bool, only: str = "") -> ParametricFit:
     """The fit that explains the points best for its number of parameters, from a closed solution, in whose
-    axes it stays unless it `turns`; a hip whose ends hardly fall is a gable."""
+    axes it stays unless it `turns`; a hip whose ends hardly fall is a gable. Where no fit is the roof that is
+    stated, `only`, the closed solution of it stands."""
     centre = np.array([closed[0].x, closed[0].y])
     sample = points[:: max(1, len(points) // CHOICE_POINTS)]
     fits = []
@@ -313,14 +321,18 @@ def choose_fit(points: Points, closed: list[ClosedForm], turns: bool) -> Paramet
             start[HALF_RIDGE] += 0.25 * solution.width  # half-way to a gable: half-hips are found from there
         fits.append(fit_parametric_roof(form, sample, centre, start, LEAST_NOISE, turns=turns))
     fits = [fit for fit in fits if is_roof(fit)]
-    for choice in np.argsort(costs_of(fits), kind="stable"):
+    for choice in np.argsort(costs_of(fits), kind="stable") if fits else ():
         form, start = fits[choice].form, fits[choice].parameters
         final = fit_parametric_roof(form, points, centre, start, LEAST_NOISE, turns=turns)
         inside = points[np.abs(final.residuals) <= CUT * final.scale]
         if form == HIP and max(end_falls(final, *measure_edges(final, inside)[:4])) < HIP_FALL:
+            if only:
+                continue
             final = fit_parametric_roof(GABLE, points, centre, final.parameters, LEAST_NOISE, turns=turns)
         if is_roof(final):
             return final
+    if closed[0].roof == only:
+        return closed_fit(points, closed[0])
     return fit_parametric_roof(PLANE, points, centre, np.zeros(8), LEAST_NOISE)
 
 

@@ -446,6 +446,10 @@ class Moments(Reconstructor):
         off=True,
     )
     sums: bool = parameter(False, "Sum over the points instead of the triangles between them.", off=True)
+    only: str = parameter(
+        "",
+        "Roof that the house has, whatever explains its points better: gable or hip; default: any.",
+    )
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
     )
@@ -482,7 +486,9 @@ class Moments(Reconstructor):
         """The house under roof points (N, 3) over a plan, fitted or closed, as the parameters say; a plan
         that is not `given` was drawn from points."""
         used = self.ground_plan and given
-        return fit_building(roof, plan if used else None, closed_only=self.closed_only, sums=self.sums)
+        return fit_building(
+            roof, plan if used else None, closed_only=self.closed_only, sums=self.sums, only=self.only
+        )
 
     def doubt(self, house: ParametricBuilding, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""

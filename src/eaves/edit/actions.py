@@ -1,0 +1,261 @@
+"""What an operator does, as edits of a run: outlines moved, drawn, split and joined, roofs and heights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+from shapely.ops import split
+
+from eaves.upkeep import OVERLAP_M2, VERDICTS, Edit
+
+SAME_CORNER_M = 0.01
+"""Corners nearer than this (m) to one another are one, and move together."""
+LEAST_M2, MOST_CORNERS, FARTHEST_M = 1.0, 2000, 300.0
+"""A building's outline has at least this area (m²) and at most so many corners; none is drawn farther (m)
+from all others."""
+MOST_TAKEN = 0.5
+"""Share of a neighbour that an outline may take of it."""
+CLOSED_GAP_M = 0.3
+"""Two buildings this near (m) are joined over the gap."""
+NO_BUILDING, IS_BUILDING, FOOTPRINT, PARTY_WALLS = "no building", "is a building", "footprint", "party walls"
+OF_ROOF = tuple(name for name in VERDICTS if "roof" in name or "height" in name)
+
+
+class ActionError(ValueError):
+    """An action that cannot be carried out, with the reason in one line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """What actions stand on: the outlines of all buildings (world metres), by id, and the page's origin."""
+
+    outlines: Mapping[str, Polygon]
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    def outline(self, name: object) -> Polygon:
+        """The outline of a building."""
+        if not isinstance(name, str) or name not in self.outlines:
+            raise ActionError(f"there is no building {name!r}")
+        return self.outlines[name]
+
+    def place(self, values: object) -> tuple[float, float]:
+        """A place of the page, [x, y], in world metres."""
+        if not isinstance(values, list) or len(values) != 2:
+            raise ActionError("a place is not [x, y]")
+        if not all(isinstance(value, int | float) and math.isfinite(value) for value in values):
+            raise ActionError("a place is not two numbers")
+        return float(values[0]) + self.origin[0], float(values[1]) + self.origin[1]
+
+    def places(self, values: object, least: int) -> list[tuple[float, float]]:
+        """Places of the page in world metres."""
+        if not isinstance(values, list) or not least <= len(values) <= MOST_CORNERS:
+            raise ActionError(f"places are not a list of {least} to {MOST_CORNERS:,}")
+        return [self.place(value) for value in values]
+
+    def plan(self, values: object) -> Polygon:
+        """The polygon of one ring of the page."""
+        return sound(Polygon(self.places(values, 3)))
+
+
+def sound(polygon: Any) -> Polygon:
+    """A polygon that can be an outline, on the grid of millimetres."""
+    polygon = shapely.set_precision(polygon, 0.001) if shapely.is_valid(polygon) else polygon
+    if not isinstance(polygon, Polygon) or not polygon.is_valid:
+        raise ActionError("the outline crosses itself or falls apart")
+    if polygon.area < LEAST_M2:
+        raise ActionError(f"the outline has {polygon.area:.2f} m², less than {LEAST_M2:g}")
+    return polygon
+
+
+def number(value: object) -> float:
+    """A finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 10_000.0:
+        raise ActionError("the height is no number (m)")
+    return float(value)
+
+
+def edits_of(action: object, table: Table) -> list[Edit]:
+    """The edits that an action of the page stands for.
+
+    Raises
+    ------
+    ActionError
+        When it is none, or cannot be carried out.
+    """
+    if not isinstance(action, dict):
+        raise ActionError("an action is a JSON object")
+    tool = TOOLS.get(str(action.get("do")))
+    if tool is None:
+        raise ActionError(f"'do' is none of {', '.join(TOOLS)}")
+    return list(tool(action, table))
+
+
+def move(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """Corners of a building moved, {"id", "moves": [[[x, y], [x, y]], …]}; also those of neighbours."""
+    moves = action.get("moves")
+    if not isinstance(moves, list) or not 1 <= len(moves) <= MOST_CORNERS:
+        raise ActionError("'moves' is not a list")
+    pairs = np.array([table.places(pair, 2) for pair in moves])
+    if pairs.shape[1:] != (2, 2):
+        raise ActionError("a move is not [from, to]")
+    name, before = str(action.get("id")), table.outline(action.get("id"))
+
+    def carried(polygon: Polygon) -> Any:
+        def shift(xy: Any) -> Any:
+            away = np.hypot(*np.moveaxis(xy[:, None] - pairs[None, :, 0], 2, 0))
+            nearest = away.argmin(axis=1)
+            near = away[np.arange(len(xy)), nearest] <= SAME_CORNER_M
+            return np.where(near[:, None], pairs[nearest, 1], xy)
+
+        return shapely.transform(polygon, shift)
+
+    after = carried(before)
+    if after.equals(before):
+        raise ActionError("no corner of the building is there")
+    drawn = {name: sound(after)}
+    for other, outline in table.outlines.items():
+        if other != name and outline.distance(before) <= SAME_CORNER_M:
+            moved = carried(outline)
+            if not moved.equals(outline):
+                drawn[other] = sound(moved)
+    yield from outlined(drawn, table, name)
+
+
+def outline(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A building's outline drawn anew: {"id", "plan": [[x, y], …]}; its courtyards stay."""
+    name, before = str(action.get("id")), table.outline(action.get("id"))
+    plan = table.plan(action.get("plan"))
+    yards = [Polygon(ring) for ring in before.interiors]
+    yield from outlined({name: sound(plan.difference(shapely.union_all(yards)))}, table, name)
+
+
+def outlined(drawn: dict[str, Polygon], table: Table, name: str) -> Iterator[Edit]:
+    """Outlines drawn; what the one of a `name` takes of neighbours they lose."""
+    own = drawn[name]
+    for other, before in table.outlines.items():
+        if other == name:
+            continue
+        polygon = drawn.get(other, before)
+        taken = shapely.intersection(own, polygon).area
+        if taken > shapely.intersection(table.outlines.get(name, Polygon()), before).area + 1e-3:
+            if taken > MOST_TAKEN * polygon.area:
+                raise ActionError(
+                    f"the outline covers {taken / polygon.area:.0%} of {other}; delete or join it"
+                )
+            rest = shapely.difference(polygon, own)
+            parts = [part for part in shapely.get_parts(rest) if part.area >= LEAST_M2]
+            if not parts:
+                raise ActionError(f"the outline leaves nothing of {other}; delete or join it")
+            drawn[other] = sound(max(parts, key=lambda part: part.area))
+    for changed, polygon in drawn.items():
+        yield Edit(FOOTPRINT, polygon, changed)
+
+
+def draw(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A building that was not found: {"plan": [[x, y], …]}."""
+    plan = table.plan(action.get("plan"))
+    if table.outlines and min(plan.distance(one) for one in table.outlines.values()) > FARTHEST_M:
+        raise ActionError(f"the outline lies more than {FARTHEST_M:g} m from all buildings")
+    for other, polygon in table.outlines.items():
+        taken = shapely.intersection(plan, polygon).area
+        if taken > OVERLAP_M2:
+            raise ActionError(
+                f"the outline covers {taken:.1f} m² of {other}; draw beside it, or move its edge"
+            )
+        if taken > 0.0:
+            plan = sound(shapely.difference(plan, polygon))
+    middle = plan.representative_point()
+    name = stem = f"e{middle.x:.0f}_{middle.y:.0f}"
+    count = 1
+    while name in table.outlines:
+        count += 1
+        name = f"{stem}_{count}"
+    yield Edit(IS_BUILDING, plan, name)
+
+
+def delete(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A building that is none: {"id"}."""
+    yield Edit(NO_BUILDING, table.outline(action.get("id")), str(action["id"]))
+
+
+def divide(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A building split by a line, a party wall: {"id", "line": [[x, y], …]}, carried on to its outline."""
+    before, places = table.outline(action.get("id")), table.places(action.get("line"), 2)
+    line = shapely.LineString(carried_on(np.array(places), before))
+    if not line.is_simple:
+        raise ActionError("the line crosses itself")
+    parts = [part for part in split(before, line).geoms if isinstance(part, Polygon)]
+    if len(parts) < 2:
+        raise ActionError("the line does not cross the building")
+    for part in sorted(parts, key=lambda part: -part.area):
+        yield Edit(PARTY_WALLS, sound(part), str(action["id"]))
+
+
+def carried_on(places: np.ndarray[Any, Any], polygon: Polygon) -> np.ndarray[Any, Any]:
+    """A line (N, 2) whose ends inside a polygon are carried on beyond it."""
+    reach = np.hypot(*np.diff(np.reshape(polygon.bounds, (2, 2)), axis=0)[0])
+    ends = []
+    for end, inner in ((places[0], places[1]), (places[-1], places[-2])):
+        way = end - inner
+        length = float(np.hypot(*way))
+        if length == 0.0:
+            raise ActionError("the line has two corners at one place")
+        ends.append(end + way / length * reach if polygon.contains(shapely.Point(end)) else end)
+    return np.array([ends[0], *places[1:-1], ends[1]] if len(places) > 2 else ends)
+
+
+def join(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """Two buildings that are one: {"ids": [a, b]}; the first gives its id."""
+    names = action.get("ids")
+    if not isinstance(names, list) or len(names) != 2 or names[0] == names[1]:
+        raise ActionError("'ids' are not those of two buildings")
+    first, second = (table.outline(name) for name in names)
+    whole = shapely.union(first, second)
+    if not isinstance(whole, Polygon):
+        grown = shapely.buffer(whole, 0.5 * CLOSED_GAP_M, join_style="mitre")
+        whole = shapely.union(whole, shapely.buffer(grown, -0.5 * CLOSED_GAP_M, join_style="mitre"))
+    if not isinstance(whole, Polygon):
+        raise ActionError(f"the buildings lie {first.distance(second):.1f} m apart")
+    others = [one for name, one in table.outlines.items() if name not in names]
+    edit = Edit(FOOTPRINT, sound(whole.difference(shapely.union_all(others))), names[0])
+    yield from (Edit(NO_BUILDING, second, names[1]), edit)
+
+
+def state(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A roof or a height stated: {"id", "verdict", "value"}."""
+    verdict = str(action.get("verdict"))
+    if verdict not in OF_ROOF:
+        raise ActionError(f"'verdict' is none of {', '.join(OF_ROOF)}")
+    value = number(action.get("value")) if "height" in verdict else None
+    yield Edit(verdict, table.outline(action.get("id")), str(action["id"]), value=value)
+
+
+def confirm(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A building that is right: {"id"}."""
+    yield Edit("right", table.outline(action.get("id")), str(action["id"]))
+
+
+TOOLS: dict[str, Callable[[Mapping[str, Any], Table], Iterator[Edit]]] = {
+    "move": move,
+    "outline": outline,
+    "draw": draw,
+    "delete": delete,
+    "split": divide,
+    "join": join,
+    "state": state,
+    "right": confirm,
+}
+
+
+def signed(edits: Sequence[Edit], action: int, day: str, reasons: Mapping[str, str]) -> list[Edit]:
+    """Edits with the number of their action, the day, and the reasons for which buildings were reviewed."""
+    return [
+        replace(edit, source="eaves edit", action=action, reviewed=day, reason=reasons.get(edit.id, ""))
+        for edit in edits
+    ]

@@ -1,0 +1,261 @@
+"""An operator's session on nine roofs: what each action does, and that Save gives the files of an update."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pyogrio
+import pytest
+import shapely
+import shapely.affinity
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from eaves.edit.actions import OF_ROOF, TOOLS, ActionError
+from eaves.edit.review import summarise
+from eaves.edit.session import Session
+from eaves.formats import InputError, read_polygons
+from eaves.report.build import build
+from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+from eaves.upkeep import Edit, read_edits
+from eaves.upkeep.edits import write_edits
+from eaves.upkeep.update import update
+from eaves.validate import validate_file
+from tests.conftest import but_first
+
+WRITTEN = ("footprints.gpkg", "buildings.city.jsonl", "classified.laz", "review.csv", "dsm.tif", "edits.gpkg")
+
+
+def corners(polygon: shapely.Polygon) -> list[list[float]]:
+    """The corners of an outline."""
+    return [[float(x), float(y)] for x, y in polygon.exterior.coords[:-1]]
+
+
+def crossing(polygon: shapely.Polygon) -> list[list[float]]:
+    """A line from west to east through the middle of an outline."""
+    west, south, east, north = polygon.bounds
+    middle = (south + north) / 2.0
+    return [[west - 1.0, middle], [east + 1.0, middle]]
+
+
+def values(session: Session, name: str) -> dict[str, Any]:
+    """What tables say of a building."""
+    saved = session.trial.buildings([name])[name]
+    assert saved is not None
+    return dict(saved.row.values)
+
+
+@pytest.fixture
+def one_moment() -> Iterator[None]:
+    """GeoPackages say when they were written: always the same."""
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2026-01-01T00:00:00.000Z"})
+    yield
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in WRITTEN if (folder / name).exists()}
+
+
+def updated(kept: Path, place: Path, edits: Path) -> dict[str, bytes]:
+    """The files of `eaves update` with edits, of a copy of the run."""
+    shutil.copytree(kept, place)
+    copied = place.parent / "edits.gpkg"
+    shutil.copy(edits, copied)
+    update(place, edits=copied)
+    return files_of(place)
+
+
+def test_a_corner_is_moved__undone_and_done_again(session: Session) -> None:
+    name, outline = next(iter(session.outlines.items()))
+    x, y = corners(outline)[0]
+    change = session.act({"do": "move", "id": name, "moves": [[[x, y], [x - 0.5, y - 0.5]]]})
+    assert list(change.buildings) == [name]
+    assert values(session, name)["trust"] == "manual"
+    assert session.outlines[name].area > outline.area
+    assert len(read_edits(session.folder / "edits.gpkg", session.trial.system)) == 1
+    session.undo()
+    assert session.outlines[name].equals(outline)
+    assert read_edits(session.folder / "edits.gpkg", session.trial.system) == []
+    session.redo()
+    assert session.outlines[name].area > outline.area
+    with pytest.raises(ActionError, match="nothing to redo"):
+        session.redo()
+
+
+def test_a_building_is_split__its_parts_edited__and_joined_again(session: Session) -> None:
+    name, outline = next(iter(session.outlines.items()))
+    session.act({"do": "split", "id": name, "line": crossing(outline)})
+    second = f"{name}-2"
+    assert session.outlines[name].area + session.outlines[second].area == pytest.approx(
+        outline.area, abs=0.05
+    )
+    session.act({"do": "state", "id": second, "verdict": "flat roof"})
+    assert values(session, second)["roof_type"] == "flat"
+    assert "flat" not in values(session, name)["edit"]
+    session.act({"do": "join", "ids": [name, second]})
+    assert second not in session.outlines
+    assert session.outlines[name].area == pytest.approx(outline.area, abs=0.05)
+
+
+def test_heights_are_those_typed(session: Session) -> None:
+    name = next(iter(session.outlines))
+    before = values(session, name)
+    session.act({"do": "state", "id": name, "verdict": "base height", "value": before["h_ground"] - 1.0})
+    session.act({"do": "state", "id": name, "verdict": "eaves height", "value": before["h_eaves"] + 2.0})
+    after = values(session, name)
+    assert after["h_ground"] == pytest.approx(before["h_ground"] - 1.0, abs=0.01)
+    assert after["h_eaves"] == pytest.approx(before["h_eaves"] + 2.0, abs=0.05)
+
+
+def test_a_gable_and_a_hip_are_those_of_moments(session: Session) -> None:
+    rows = {name: values(session, name) for name in session.outlines}
+    hip = next(name for name, row in rows.items() if row["roof_type"] == "hip")
+    session.act({"do": "state", "id": hip, "verdict": "gable roof"})
+    assert values(session, hip)["house_type"] == "gable"
+    session.act({"do": "state", "id": hip, "verdict": "hip roof"})
+    assert values(session, hip)["house_type"] == "hip"
+    session.act({"do": "state", "id": hip, "verdict": "roof of points"})
+    assert values(session, hip)["method"] == rows[hip]["method"]
+
+
+def test_a_missing_building_is_drawn__and_deleted(session: Session) -> None:
+    name, outline = next(iter(session.outlines.items()))
+    session.act({"do": "delete", "id": name})
+    assert name not in session.outlines
+    change = session.act({"do": "draw", "plan": corners(outline)})
+    assert list(change.buildings) == [name]  # it is the one that was found there
+    session.undo()
+    session.undo()
+    assert session.outlines[name].equals(outline)
+
+
+def test_what_was_looked_at_is_kept__and_told_by_reason(session: Session, out: Path) -> None:
+    name = next(iter(session.outlines))
+    session.act({"do": "right", "id": name})
+    session.save()
+    _, _, rows, _ = read_polygons(out / "footprints.gpkg", "footprints")
+    row = next(row for row in rows if row["id"] == name)
+    assert (row["edit"], row["trust"], row["reviewed"]) == ("right", "manual", session.day)
+    assert name not in (out / "review.csv").read_text(encoding="utf-8")
+    square = shapely.box(0, 0, 9, 9)
+    told = summarise(
+        [Edit("right", square, "a", reason="x 5%"), Edit("footprint", square, "b", reason="x 7%; y")]
+    )
+    assert "1 of    2 edited: x …" in told and "1 of    1 edited: y" in told
+
+
+def test_edits_survive_a_killed_session__and_those_of_another_program_are_taken_in(out: Path) -> None:
+    with closing(Session(out)) as first:
+        names = list(first.outlines)
+        first.act({"do": "delete", "id": names[0]})
+    with closing(Session(out)) as second:
+        assert names[0] not in second.outlines
+        edits = read_edits(out / "edits.gpkg", second.trial.system)
+        more = Edit("no building", second.outlines[names[1]], names[1], "qgis")
+        write_edits(out / "edits.gpkg", [*edits, more], second.trial.system)
+        assert dict.fromkeys([names[1]]) == second.take_in().buildings
+        second.undo()
+        assert names[0] in second.outlines and names[1] not in second.outlines
+
+
+def test_a_second_session_is_told_who_holds_the_folder(session: Session, out: Path) -> None:
+    with pytest.raises(InputError, match=r"another run is writing here and holds .*process \d+, since"):
+        Session(out)
+
+
+@pytest.mark.parametrize(
+    ("action", "reason"),
+    [
+        ({"do": "split", "line": [[0, 0], [1, 1]]}, "does not cross"),
+        ({"do": "outline", "plan": [[0, 0], [9, 9], [9, 0], [0, 9]]}, "crosses itself"),
+        ({"do": "outline", "plan": [[0, 0], [0.1, 0], [0, 0.1]]}, "less than 1"),
+        ({"do": "draw", "plan": [[9e5, 0], [9e5 + 9, 0], [9e5, 9]]}, "more than 300 m"),
+        ({"do": "state", "verdict": "eaves height", "value": "high"}, "no number"),
+        ({"do": "move", "moves": [[[0, 0], [1, float("nan")]]]}, "not two numbers"),
+        ({"do": "sing"}, "'do' is none of"),
+        ([], "a JSON object"),
+    ],
+)
+def test_what_cannot_be_is_refused__and_nothing_written(session: Session, action: Any, reason: str) -> None:
+    if isinstance(action, dict):
+        action["id"] = next(iter(session.outlines))
+    with pytest.raises(ActionError, match=reason):
+        session.act(action)
+    assert not (session.folder / "edits.gpkg").exists()
+
+
+def any_action(choose: Random, outlines: dict[str, shapely.Polygon]) -> dict[str, Any]:
+    """An action on buildings as they are."""
+    name = choose.choice(sorted(outlines))
+    outline, kind = outlines[name], choose.choice(sorted(TOOLS))
+    a, b, c, d = (choose.uniform(-1.5, 1.5) for _ in range(4))
+    if kind == "move":
+        (x, y), (u, v) = choose.sample(corners(outline), 2)
+        return {"do": kind, "id": name, "moves": [[[x, y], [x + a, y + b]], [[u, v], [u + c, v + d]]]}
+    if kind == "outline":
+        return {"do": kind, "id": name, "plan": corners(shapely.affinity.translate(outline, a, b))}
+    if kind == "split":
+        (west, y), (east, _) = crossing(outline)
+        return {"do": kind, "id": name, "line": [[west, y + a], [east, y + b]]}
+    if kind == "join":
+        other = min((one for one in outlines if one != name), key=lambda one: outlines[one].distance(outline))
+        return {"do": kind, "ids": [name, other]}
+    if kind == "draw":
+        east, north = outline.bounds[2] + 3.0 + a, outline.bounds[3] - 5.0 + b
+        return {"do": kind, "plan": corners(shapely.box(east, north, east + 5.0 + c, north + 6.0 + d))}
+    return {"do": kind, "id": name, "verdict": choose.choice(OF_ROOF), "value": choose.uniform(-3.0, 12.0)}
+
+
+@pytest.mark.parametrize("count", but_first([6, 200]))
+def test_random_edits_leave_a_valid_town__with_the_files_of_an_update(
+    kept: Path, one_moment: None, tmp_path_factory: pytest.TempPathFactory, count: int
+) -> None:
+    @settings(
+        max_examples=1,
+        deadline=None,
+        database=None,
+        derandomize=True,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(st.integers(0, 2**32))
+    def session_of(seed: int) -> None:
+        choose, place = Random(seed), tmp_path_factory.mktemp("random")
+        shutil.copytree(kept, place / "out")
+        with closing(Session(place / "out")) as session:
+            for _ in range(count):
+                step = choose.choice(("act", "act", "act", "act", "undo", "redo"))
+                try:
+                    if step == "act":
+                        session.act(any_action(choose, session.outlines))
+                    else:
+                        getattr(session, step)()
+                except ActionError:
+                    pass
+            session.save()
+            shown = session.outlines
+        assert files_of(place / "out") == updated(kept, place / "other", place / "out" / "edits.gpkg")
+        assert validate_file(place / "out" / "buildings.city.jsonl") == []
+        _, _, rows, _ = read_polygons(place / "out" / "footprints.gpkg", "footprints")
+        assert {row["id"] for row in rows} == set(shown)
+
+    session_of()
+
+
+def test_a_run_that_kept_nothing_is_edited__and_keeps_nothing(tmp_path: Path) -> None:
+    files = write_simulation(nine_roofs_on_a_slope(density=4.0, seed=1), tmp_path / "nine")
+    build(files["points"], tmp_path / "out", jobs=1, outputs=("footprints", "models"))
+    with closing(Session(tmp_path / "out")) as session:
+        name = next(iter(session.outlines))
+        session.act({"do": "state", "id": name, "verdict": "flat roof"})
+        assert values(session, name)["roof_type"] == "flat"
+        session.save()
+        assert values(session, name)["roof_type"] == "flat"
+    assert not [path for path in (tmp_path / "out").glob(".eaves*")]
+    assert '"edit":"flat roof"' in (tmp_path / "out" / "buildings.city.jsonl").read_text(encoding="utf-8")
