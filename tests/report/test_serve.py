@@ -191,7 +191,7 @@ def test_a_browser_shows_boxes_far_away_and_models_near__and_the_address_keeps_t
 
         visit("models=type")
         window.picture(artefacts / "serve.png")
-        boxes = "eaves.scene.triangles.lod.filter(lod => lod === BOX).length"
+        boxes = "eaves.scene.triangles.lod.filter(lod => lod === 255).length"
         near = window.run("return eaves.scene.triangles.count")
         assert window.run(f"return [{boxes}, eaves.all.length]") == [0, 9] and near > 90
         window.run("eaves.camera.distance = 5000; eaves.ask()")
