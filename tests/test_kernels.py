@@ -87,6 +87,7 @@ def test_the_shares_are_all_calls_of_the_list(monkeypatch: pytest.MonkeyPatch) -
     for share in range(3):
         taken: list[str] = []
         with monkeypatch.context() as patched:
+            patched.setattr(kernels.signal, "signal", lambda *_: None)
             patched.setattr(kernels, "signature", lambda call, taken=taken: taken.append(call))
             patched.setattr(Kernel, "dispatcher", SimpleNamespace(compile=lambda sorts: None))
             kernels.compile_share(share, 3)

@@ -14,6 +14,7 @@ import importlib
 import logging
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -168,8 +169,11 @@ def compile_listed() -> None:
     from filelock import FileLock
 
     cores = os.cpu_count() or 1
+    within_another = not Path(sys.executable).stem.startswith(
+        "python"
+    )  # which would be started, in its place
     with suppress(OSError), FileLock(cache_folder() / ".compiling"):
-        if compiled_pieces() or cores == 1:
+        if compiled_pieces() or cores == 1 or within_another:
             return
         code = "from eaves.kernels import compile_share; compile_share({}, {})"
         started = [
@@ -184,7 +188,9 @@ def compile_listed() -> None:
 
 
 def compile_share(share: int, shares: int) -> None:
-    """Compile a share of the core's calls: the dearest kernels are dealt out first, with all their calls."""
+    """Compile a share of the core's calls: the dearest kernels are dealt out first, with all their calls. Who
+    started this process ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     calls: dict[str, list[str]] = {}
     for call in listed_calls(LIST):
         calls.setdefault(call.partition("(")[0], []).append(call)

@@ -23,7 +23,7 @@ LEAST_SHARE, LEAST_S = 0.1, 3.0
 cost the same whatever comes, have been most of it."""
 TILE_SHARES = {"tiles": 0.93, "write": 0.07}
 
-LOOPS = 104
+LOOPS = 145
 """Compiled loops that the default methods call with the sorts of arguments of most data: about that many."""
 POLL_S = 5.0
 
