@@ -89,7 +89,8 @@ def test_the_shares_are_all_calls_of_the_list(monkeypatch: pytest.MonkeyPatch) -
         with monkeypatch.context() as patched:
             patched.setattr(kernels.signal, "signal", lambda *_: None)
             patched.setattr(kernels, "signature", lambda call, taken=taken: taken.append(call))
-            patched.setattr(Kernel, "dispatcher", SimpleNamespace(compile=lambda sorts: None))
+            one = SimpleNamespace(weight=1, dispatcher=SimpleNamespace(compile=lambda sorts: None))
+            patched.setattr(kernels, "named", lambda name, one=one: one)
             kernels.compile_share(share, 3)
         assert taken
         compiled += taken
