@@ -14,9 +14,11 @@ import laspy
 import numpy as np
 import pytest
 
+from eaves.flow.results import Results
 from eaves.flow.run import Progress, no_progress, open_run
 from eaves.model.summary import Summary
-from eaves.pipeline import Correction, build_run, end_run, hold_folder, no_correction
+from eaves.pipeline import Correction, build, build_run, end_run, hold_folder, no_correction
+from eaves.run.options import EVERYTHING
 from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
 from tests.judges import summary_of
 
@@ -85,6 +87,11 @@ def but_first(cases: Iterable[Any], count: int = 1) -> list[Any]:
     return [*listed[:count], *(pytest.param(*one, marks=pytest.mark.slow) for one in rest)]
 
 
+def build_files(*words: Any, **options: Any) -> Results:
+    """What `eaves.build` gives, without the page unless outputs are named."""
+    return build(*words, **{"outputs": EVERYTHING[:-1], **options})
+
+
 def build_in_blocks(
     side: float,
     inputs: Any,
@@ -98,8 +105,8 @@ def build_in_blocks(
     generations: tuple[int, ...] = (),
     **options: Any,
 ) -> Summary:
-    """What `eaves.pipeline.build` writes with blocks of a side (m), of which small scenes have several, and
-    with `per_tile` in tiles of so many blocks a side; inputs of later scans as in an update."""
+    """What `build_files` gives with blocks of a side (m), of which small scenes have several, and with
+    `per_tile` in tiles of so many blocks a side; inputs of later scans as in an update."""
     run = replace(open_run(inputs, out, *words, **options), side=side, tile_side=tile_blocks * side)
     run = replace(run, generations=generations)
     with hold_folder(run) as workers:

@@ -17,9 +17,8 @@ from docs.source_pages import newest, rows_of, source_page
 from pyproj import CRS
 
 from eaves.cli.app import make_app
-from eaves.pipeline import build
 from eaves.recipe.sources import sources
-from tests.conftest import but_first
+from tests.conftest import build_files, but_first
 from tests.contracts.test_public_docstrings import PUBLIC
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -66,7 +65,7 @@ def test_the_python_of_the_start_writes_what_a_build_writes(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(nine_roofs_file, "tile.laz")
-    build("tile.laz", "out", outputs=("models",))
+    build_files("tile.laz", "out", outputs=("models",))
     lines = (DOCS / "start.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     exec(lines, {})
     assert Path("buildings.city.jsonl").read_bytes() == Path("out/buildings.city.jsonl").read_bytes()

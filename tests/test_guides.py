@@ -12,9 +12,9 @@ import pyproj
 import pytest
 import shapely
 
+from eaves.flow.edits import NO_BUILDING, Edit, write_edits
 from eaves.formats import read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
-from eaves.upkeep.edits import NO_BUILDING, Edit, write_edits
 from tests.cli.test_commands import eaves
 from tests.conftest import write_laz
 from tests.test_documentation import DOCS, PAGES, commands_of

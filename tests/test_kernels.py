@@ -12,8 +12,8 @@ import pytest
 
 from eaves import kernels
 from eaves.kernels import LIST, Kernel, inlined_kernel, kernel, sort_of
-from eaves.pipeline import build
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+from tests.conftest import build_files
 
 STEP = 2.0
 
@@ -126,7 +126,7 @@ def test_list_has_every_call_of_a_build(monkeypatch: pytest.MonkeyPatch, tmp_pat
     for one in kernels.KERNELS:
         monkeypatch.setattr(one, "ready", {})
     files = write_simulation(nine_roofs_on_a_slope(density=6.0, noise=0.02), tmp_path / "scene")
-    build(files["points"], tmp_path / "out", jobs=1)
+    build_files(files["points"], tmp_path / "out", jobs=1)
     missing = {call for call in calls if call.startswith("eaves.")} - set(kernels.listed_calls(LIST))
     assert not missing, "add them: python packaging/kernels.py --run build …"
     assert len(calls) > 50

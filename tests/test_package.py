@@ -69,7 +69,7 @@ def test_the_core_needs_no_plotting_library() -> None:
         "        if name.split('.')[0] in ('matplotlib', 'PIL', 'distributed', 'pandas'):\n"
         "            raise ImportError(name)\n"
         "sys.meta_path.insert(0, Missing())\n"
-        "import eaves.pipeline, eaves.report.build, eaves.cli.app, eaves.exports.obj\n"
+        "import eaves.pipeline, eaves.report.output, eaves.cli.app, eaves.exports.obj\n"
         "import eaves.flow.results\n"
         "eaves.build, eaves.read\n"
         "assert 'scipy.stats' not in sys.modules, 'half a second of every start, for one distribution'\n"

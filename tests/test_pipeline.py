@@ -16,7 +16,7 @@ import shapely
 import eaves
 from eaves import IncompleteRunError
 from eaves.formats import write_cityjson
-from eaves.report.build import build
+from eaves.pipeline import build
 from eaves.simulate.objects.roofs import ExactScene
 from tests.conftest import build_in_blocks, write_laz
 from tests.run.test_long_buildings import footprints

@@ -37,7 +37,7 @@ def measure(points: Path, out: Path, jobs: int, blocks: int) -> None:
     """Run once in this process; the peak memory (MB) of this process by stage goes to `stages.json`."""
 
     from eaves.model import Bounds
-    from eaves.report.build import build
+    from eaves.pipeline import build
 
     peaks: Figures = {}
 

@@ -33,6 +33,7 @@ from benchmarks.scale.mutations import Mutate, either, hurt_bytes, hurt_words
 from benchmarks.scale.point_mutations import hurt_points
 from benchmarks.table import keep
 from eaves.cli.runs import read_recipe
+from eaves.flow.edits import FLAT_ROOF, Edit, read_edits, write_edits
 from eaves.formats import iter_chunks, iter_cityjson, open_source, read_polygons, read_raster
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.points.remote import Traffic, files_of_list
@@ -42,7 +43,6 @@ from eaves.pipeline import build
 from eaves.run.manifest import check_folder, read_manifest
 from eaves.run.memory import limit_memory
 from eaves.run.part_file import is_whole_part, load_part
-from eaves.upkeep.edits import FLAT_ROOF, Edit, read_edits, write_edits
 from eaves.validate import validate_file
 
 ROOM = 1_500_000_000

@@ -51,6 +51,8 @@ from .outline import regularise_outlines as regularise_outlines
 from .outline import trace_outline as trace_outline
 from .outline.alpha_shape import AlphaShape as AlphaShape
 from .outline.global_fit import GlobalFit as GlobalFit
+from .pipeline import build as build
+from .pipeline import find_buildings as find_buildings
 from .pipeline import model_buildings as model_buildings
 from .published.chen_sun.planar_patches import PlanarPatches as PlanarPatches
 from .published.maas_vosselman.height_texture import HeightTexture as HeightTexture
@@ -73,8 +75,6 @@ from .reconstruct import Reconstructor as Reconstructor
 from .reconstruct import reconstruct_building as reconstruct_building
 from .reconstruct.arrangement import Arrangement as Arrangement
 from .reconstruct.prism import Prism as Prism
-from .report.build import build as build
-from .report.build import find_buildings as find_buildings
 from .roof import RoofMethod as RoofMethod
 from .roof import segment_roof as segment_roof
 from .roof.global_refinement import GlobalRefinement as GlobalRefinement

@@ -1,4 +1,4 @@
-"""What installed packages bring, by entry points: methods, published systems, formats, commands, checks.
+"""What installed packages bring, by entry points: methods, systems, formats, outputs, commands, checks.
 
 The satellites of this distribution (`exports`, `change`, `solar`, `evaluate`, `simulate`) are brought the
 same way, and nothing of the core names them.
@@ -14,6 +14,7 @@ from typing import Any
 
 METHODS, SOURCES = "eaves.methods", "eaves.sources"
 FORMATS, COMMANDS, CHECKS = "eaves.formats", "eaves.commands", "eaves.checks"
+OUTPUTS = "eaves.outputs"
 """The groups of entry points."""
 
 
@@ -23,8 +24,8 @@ def installed(group: str) -> dict[str, str]:
     Parameters
     ----------
     group : str
-        `eaves.methods` (names `stage.name`), `eaves.sources`, `eaves.formats`, `eaves.commands` or
-        `eaves.checks`.
+        `eaves.methods` (names `stage.name`), `eaves.sources`, `eaves.formats`, `eaves.outputs`,
+        `eaves.commands` or `eaves.checks`.
 
     Returns
     -------

@@ -15,14 +15,20 @@ from __future__ import annotations
 
 import logging
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from shutil import rmtree
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+from weakref import finalize
 
 from eaves.buildings.building_file import SavedBuildings
-from eaves.flow.outputs import finished_models, write_outputs
+from eaves.flow.formats import noted_failure
+from eaves.flow.outputs import LateOutput, finished_models, page_of, write_outputs
+from eaves.flow.progress import bars
 from eaves.flow.refusals import edits_and_work
 from eaves.flow.region import (
     blocks_ahead,
@@ -36,23 +42,26 @@ from eaves.flow.region import (
     model_plans,
     open_region,
 )
-from eaves.flow.results import ModelledBuildings
+from eaves.flow.results import ModelledBuildings, Results
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
 from eaves.flow.step import Region
 from eaves.flow.tiles import WHOLE, Area, areas, finish_area
+from eaves.formats.in_memory import as_point_files, as_polygon_file
 from eaves.formats.whole_files import clear_leftovers, report_full_disk
 from eaves.model import Block
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
+from eaves.run.clock import Clock
 from eaves.run.keys import BUILDINGS
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import end_manifest, set_aside
-from eaves.run.options import RunOptions, list_options
+from eaves.run.options import POLYGONS, RunOptions, list_options
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
     from eaves.buildings.join import OwnedBuildings
     from eaves.flow.classified_points import PointSink
+    from eaves.flow.corrected import CarriedEdits
 
 log = logging.getLogger("eaves")
 
@@ -67,47 +76,131 @@ def no_correction(region: Region, owners: list[Block]) -> list[Block]:
 
 @list_options
 def build(
-    inputs: str | Path | Sequence[str | Path],
+    inputs: str | Path | Sequence[str | Path] | Any,
     out: str | Path,
     recipe: Recipe | None = None,
-    progress: Progress = no_progress,
-    sink: PointSink | None = None,
+    progress: Progress | Literal[True] = no_progress,
     allow_failures: bool = False,
     **options: Unpack[RunOptions],
-) -> Summary:
-    """Footprints, models, rasters and classified points of all inputs, written to the folder `out`.
+) -> Results:
+    """Footprints, models, rasters, classified points and report.html, in the folder `out`.
 
     Parameters
     ----------
-    inputs
-        LAS, LAZ, COPC or text files, PLY, E57, folders, globs, addresses or `.vpc` lists.
-    out
+    inputs : str, Path or sequence of them, laspy.LasData, PointCloud, or array (N, 3)
+        LAS, LAZ, COPC or text files, folders or globs; or points in memory, an array in the units of `crs`.
+    out : str or Path
         Folder; made when missing.
-    recipe
+    recipe : Recipe or None
         The methods, instead of the options that name them.
-    progress
-        Called with the step, how much of it is done, and how much there is.
-    sink
-        Receives the classified points as they are written; not in a run by tiles.
-    allow_failures
+    progress : callable or True
+        Called with the step, how much of it is done, and how much there is; True shows bars.
+    allow_failures : bool
         Return what there is when a part could not be computed.
-    options
-        The keywords of `eaves.build`.
+    {options}
+
+    Returns
+    -------
+    Results
+        What was found and written; a notebook shows it as HTML. A run by tiles has no report.
 
     Raises
     ------
     InputError
-        When an input cannot be used, or another run holds the folder; nothing is written then.
+        When an input cannot be used; nothing is written then.
+    TypeError, ValueError
+        When an option, a method or a value does not exist.
     DiskFullError
         When the disk is full; what is done stays for a run with `resume`.
     IncompleteRunError
-        When a part could not be computed, after all the others; see `allow_failures`.
+        When a part could not be computed, after all the others; it carries the results.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.simulate import write_simulation
+    >>> files = write_simulation(truth, "nine")
+    >>> results = eaves.build(files["points"], "out", jobs=1)
+    >>> results.found == results.modelled + sum(results.failures.values())
+    True
+    >>> (results.folder / "report.html").exists()
+    True
     """
-    run = open_run(inputs, out, recipe, progress, **options)
-    with hold_folder(run) as workers:
-        summary = build_run(run, workers, progress, sink)
-        end_run(run, summary)
-    return summary.checked(allow_failures)
+    with ExitStack() as opened:
+        show: Progress = opened.enter_context(bars()) if progress is True else progress
+        keep = Path(out) if options.get("keep") else None
+        inputs = opened.enter_context(as_point_files(inputs, options.get("crs"), keep))
+        for name in POLYGONS:
+            options[name] = opened.enter_context(as_polygon_file(options.get(name), name, keep))
+        run = open_run(inputs, out, recipe, show, **options)
+        page, edits = page_of(run), carried_edits(run)
+        with hold_folder(run) as workers:
+            sink = None if page is None else page.sink
+            summary = build_run(run, workers, show, sink, no_correction if edits is None else edits.correct)
+            if page is not None:
+                summary = with_page(page, summary)
+            if edits is not None:
+                summary = replace(summary, files=(*summary.files, edits.keep()))
+            end_run(run, summary)
+    return Results.of(summary).checked(allow_failures)
+
+
+def find_buildings(
+    points: str | Path | Sequence[str | Path] | Any,
+    recipe: Recipe | None = None,
+    progress: Progress | Literal[True] = no_progress,
+    allow_failures: bool = False,
+    **options: Unpack[RunOptions],
+) -> Results:
+    """The buildings in points: `footprints` and `planes` as tables, `models` as meshes. Leaves no files.
+
+    Parameters
+    ----------
+    points : str, Path or sequence of them, laspy.LasData, PointCloud, or array (N, 3)
+        Files or folders; or points in memory, an array in the units of `crs`.
+    recipe : Recipe or None
+        The methods, instead of the options that name them.
+    progress : callable or True
+        Called with the step, how much of it is done, and how much there is; True shows bars.
+    allow_failures : bool
+        Return what there is when a part could not be computed.
+    **options : keywords of a run
+        Those of `eaves.build`, whose help explains each: `crs`, `bounds`, `footprints`, `lod`, a method by
+        its stage (`detect="consensus"`), …
+
+    Returns
+    -------
+    Results
+        The buildings that `eaves build` finds, from a folder that is removed with this value.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used.
+    TypeError, ValueError
+        When an option, a method or a value does not exist.
+    IncompleteRunError
+        When a part could not be computed, after all the others; it carries the results.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> found = eaves.find_buildings(nine_roofs_on_a_slope(density=4.0).cloud)
+    >>> len(found), len(found.footprints), len(found.models)
+    (9, 9, 9)
+    """
+    folder = tempfile.mkdtemp(prefix="eaves-")
+    options.setdefault("outputs", ("footprints", "models"))
+    try:
+        results = build(points, Path(folder) / "run", recipe, progress, allow_failures, **options)
+    except BaseException:
+        rmtree(folder, ignore_errors=True)
+        raise
+    finalize(results, rmtree, folder, ignore_errors=True)
+    return results
 
 
 @list_options
@@ -186,6 +279,27 @@ def build_run(
         log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
     region = open_region(run, workers, progress)
     return build_region(region, sink, correct)
+
+
+def with_page(page: LateOutput, summary: Summary) -> Summary:
+    """Write the page of a run, unless that fails; the summary with its file, or with the reason, and its
+    time."""
+    clock, before = Clock(), time.perf_counter()
+    failed: list[str] = []
+    with noted_failure("report.html", failed, raised=()):
+        summary = replace(summary, files=(*summary.files, page.write(summary)))
+    summary = replace(summary, failed=(*summary.failed, *failed))
+    clock.lap("report")
+    return summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
+
+
+def carried_edits(run: Run) -> CarriedEdits | None:
+    """The edits that a run finds in its folder and carries on; None where it carries none."""
+    if not run.carries_edits:
+        return None
+    from eaves.flow.corrected import CarriedEdits  # late: most runs have none
+
+    return CarriedEdits.of(run)
 
 
 def end_run(run: Run, summary: Summary) -> None:

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.scale.faults import CASES, ExactBench, contents, prepare
 from benchmarks.scale.hostile import GOOD
 
-from eaves.report.build import build
+from eaves.pipeline import build
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has other signals")
 

@@ -13,9 +13,9 @@ from matplotlib.image import imread
 
 from eaves.cli import app as cli
 from eaves.formats.crs import parse_crs, system_of
-from eaves.pipeline import build
 from eaves.simulate import ExactBuilding, ExactFace, ExactScene, nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
+from tests.conftest import build_files
 
 from ..report.browser import Browser, missing
 from ..report.test_page_in_browser import MIDDLE_OF
@@ -42,7 +42,7 @@ def built(scene: ExactScene, place: Path) -> Path:
     """The run of a scene."""
     points = write_simulation(scene, place)["points"]
     out = place.with_name(f"{place.name}-run")
-    build(points, out, lod="0", outputs=("footprints", "rasters", "classified"))
+    build_files(points, out, lod="0", outputs=("footprints", "rasters", "classified"))
     return out
 
 
@@ -132,7 +132,7 @@ def test_beyond_the_common_area_nothing_is_demolished(folders: tuple[Path, Path]
     old, new = folders
     points = new.parent / "new" / "points.laz"
     half = tmp_path / "half"
-    build(
+    build_files(
         points,
         half,
         lod="0",

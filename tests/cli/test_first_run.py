@@ -11,8 +11,8 @@ import pytest
 
 from eaves import kernels
 from eaves.cli import app as cli
+from eaves.flow import progress
 from eaves.model.summary import Summary
-from eaves.report import progress
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 

@@ -276,8 +276,8 @@ def lone_point(place: Place) -> Done:
 @case("the page or a format fails")
 def page_fails(place: Place) -> Done:
     code = (
-        "import eaves.report.build as build\nfrom eaves.cli.app import main\n"
-        "def fail(*words): raise ZeroDivisionError\nbuild.write_page = fail\nmain()"
+        "import eaves.report.output as page\nfrom eaves.cli.app import main\n"
+        "def fail(*words): raise ZeroDivisionError\npage.write_page = fail\nmain()"
     )
     words = ["build", str(place.points), "-o", str(place.out), "--jobs", "1", *place.more]
     return subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)

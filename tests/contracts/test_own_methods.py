@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 import shapely
 from tests.cli.test_commands import eaves as run
-from tests.conftest import but_first
+from tests.conftest import build_files, but_first
 from tests.test_documentation import DOCS
 from tests.test_guides import write_methods
 
@@ -32,7 +32,6 @@ from eaves.formats import InputError
 from eaves.ground import GroundMethod
 from eaves.methods import ContractError, ignore, installed_methods, method_class, parameter
 from eaves.model import Boundary, PointCloud, Regions
-from eaves.pipeline import build
 from eaves.roof import RoofMethod
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.testing import check_method
@@ -70,7 +69,7 @@ def test_the_methods_of_the_page_find_and_model_the_nine_roofs(
     page_methods: ModuleType, nine_roofs_file: Path, tmp_path: Path
 ) -> None:
     names = {stage: f"my_methods:{name}" for stage, name in STAGES.items()}
-    summary = build(nine_roofs_file, tmp_path / "out", outputs=("models",), jobs=2, **names)  # type: ignore[arg-type]
+    summary = build_files(nine_roofs_file, tmp_path / "out", outputs=("models",), jobs=2, **names)  # type: ignore[arg-type]
     assert (summary.found, summary.modelled, summary.by_lod) == (9, 9, {"1.2": 9})
     assert summary.run["methods"]["roof"]["method"] == "my_methods:OnePlane"
 
@@ -186,7 +185,7 @@ def test_a_broken_detector_ends_a_run_as_incomplete_with_method_and_block(
     returned, words = WRONG[case]
     monkeypatch.setattr(Returning, "returned", staticmethod(returned), raising=False)
     with pytest.raises(eaves.IncompleteRunError, match=words) as raised:
-        build(one_roof_file, tmp_path / "out", detect=Returning(), outputs=("mask",))
+        build_files(one_roof_file, tmp_path / "out", detect=Returning(), outputs=("mask",))
     assert raised.value.failed[0].startswith("regions of ")
     assert "detect method 'returning'" in raised.value.failed[0]
 
@@ -252,7 +251,7 @@ def test_every_stage_says_what_its_contract_allows(case: str) -> None:
 
 def test_a_broken_roof_ends_a_run_as_incomplete(one_roof_file: Path, tmp_path: Path) -> None:
     with pytest.raises(eaves.IncompleteRunError, match=r"buildings of .* roof method 'broken' must return"):
-        build(one_roof_file, tmp_path / "out", roof=of_stage(RoofMethod, planes=3), outputs=("models",))
+        build_files(one_roof_file, tmp_path / "out", roof=of_stage(RoofMethod, planes=3), outputs=("models",))
 
 
 class ByOrder(High):
@@ -424,7 +423,7 @@ def test_all_of_this_package_is_in_the_key_of_a_foreign_method(
 
 def test_a_file_imports_no_code(page_methods: ModuleType, one_roof_file: Path, tmp_path: Path) -> None:
     name = "my_methods:HighAndDense"
-    build(one_roof_file, tmp_path / "out", detect=name, lod="0", keep=True)
+    build_files(one_roof_file, tmp_path / "out", detect=name, lod="0", keep=True)
     with pytest.raises(InputError, match=f"detect method is '{name}', code that .* add --method {name}"):
         open_again(tmp_path / "out")
     assert type(open_again(tmp_path / "out", methods=[name]).recipe.detect) is page_methods.HighAndDense
@@ -441,4 +440,4 @@ def test_a_method_of_a_session_is_refused_where_others_must_know_it(
     for options in ({"keep": True}, {"jobs": 2}, {"resume": True}):
         with pytest.raises(InputError, match="detect method Nowhere: has no source file, by which other"):
             open_run(one_roof_file, tmp_path / "out", detect=nowhere, **options)  # type: ignore[arg-type]
-    assert build(one_roof_file, tmp_path / "out", detect=nowhere, lod="0", outputs=("mask",)).complete
+    assert build_files(one_roof_file, tmp_path / "out", detect=nowhere, lod="0", outputs=("mask",)).complete

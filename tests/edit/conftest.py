@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from eaves.edit.session import Session
-from eaves.report.build import build
+from eaves.pipeline import build
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 

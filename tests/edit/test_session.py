@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 from eaves.edit.actions import OF_ROOF, TOOLS, ActionError
 from eaves.edit.review import summarise
 from eaves.edit.session import Session
+from eaves.flow import Edit, read_edits
+from eaves.flow.edits import write_edits
 from eaves.formats import InputError, read_polygons
-from eaves.report.build import build
+from eaves.pipeline import build
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
-from eaves.upkeep import Edit, read_edits
-from eaves.upkeep.edits import write_edits
 from eaves.upkeep.update import update
 from eaves.validate import validate_file
 from tests.conftest import but_first

@@ -17,20 +17,19 @@ import pytest
 import eaves
 from eaves import IncompleteRunError, InputError, Summary
 from eaves.exports import export_run
+from eaves.flow.edits import read_edits
 from eaves.model import CoordinateSystem
-from eaves.pipeline import build
 from eaves.run.manifest import check_folder
 from eaves.run.options import RunOptions
-from eaves.upkeep.edits import read_edits
 from eaves.upkeep.update import update
-from tests.conftest import write_laz
+from tests.conftest import build_files, write_laz
 
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory, nine_roofs_file: Path) -> Path:
     """A run that is kept."""
     folder = tmp_path_factory.mktemp("kept") / "out"
-    build(nine_roofs_file, folder, outputs=("footprints", "models"), keep=True)
+    build_files(nine_roofs_file, folder, outputs=("footprints", "models"), keep=True)
     return folder
 
 
@@ -41,7 +40,7 @@ def out(kept: Path, tmp_path: Path) -> Path:
 
 
 def build_again(file: Path, out: Path, **options: Any) -> Summary:
-    return build(file, out, **RunOptions(outputs=("footprints", "models"), keep=True, **options))  # type: ignore[typeddict-item]
+    return build_files(file, out, **RunOptions(outputs=("footprints", "models"), keep=True, **options))  # type: ignore[typeddict-item]
 
 
 MODELS = "buildings.city.jsonl"
@@ -168,7 +167,7 @@ def test_what_a_person_saves_while_a_run_computes_is_kept(nine_roofs_file: Path,
         if step == "buildings" and not (out / "before-1").exists():
             (out / "review.csv").write_text("mine")
 
-    assert build(nine_roofs_file, out, progress=save, outputs=("footprints",)).found == 9
+    assert build_files(nine_roofs_file, out, progress=save, outputs=("footprints",)).found == 9
     assert (out / "before-1" / "review.csv").read_text() == "mine"
     assert check_folder(out) == []
 
@@ -262,15 +261,15 @@ def test_a_folder_of_links_devices_and_all_alphabets_is_left_as_it_is(
     (out / MODELS).mkdir()
     words = {"outputs": ("footprints", "models"), "allow_failures": True}
     with pytest.raises(InputError, match=r"was not written by eaves"):
-        build(inputs / f"{names[32]}.laz", out, **words)
-    assert build(inputs / f"{names[32]}.laz", out, overwrite=True, **words).found == 9
+        build_files(inputs / f"{names[32]}.laz", out, **words)
+    assert build_files(inputs / f"{names[32]}.laz", out, overwrite=True, **words).found == 9
     assert check_folder(out) == []
     assert (far / "secret").read_text() == "far away" and len(list(far.iterdir())) == 1
     assert all((out / f"{name}.gpkg").read_text() == name for name in names)
     assert {path.name for path in (out / "before-1").iterdir()} == {
         *("footprints.gpkg", "review.csv", "buildings.qgz", MODELS)
     }
-    summary = build(inputs, tmp_path / "whole", **words)  # pipes and broken links are no inputs
+    summary = build_files(inputs, tmp_path / "whole", **words)  # pipes and broken links are no inputs
     assert summary.found == 9
 
 
@@ -289,7 +288,9 @@ def test_a_run_of_another_input_stays(nine_roofs_file: Path, out: Path, tmp_path
     told = rf"out: holds a run of {nine_roofs_file.name}; add a later scan of its area by eaves update"
     with pytest.raises(InputError, match=told):
         build_again(other, out)
-    assert build([nine_roofs_file, other], out, outputs=("footprints",)).found == 9  # more tiles are welcome
+    assert (
+        build_files([nine_roofs_file, other], out, outputs=("footprints",)).found == 9
+    )  # more tiles are welcome
     with pytest.raises(InputError, match=r"out: holds a run of other.laz"):
         build_again(nine_roofs_file, out)
 

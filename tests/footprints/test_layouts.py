@@ -18,7 +18,7 @@ from eaves.formats import InputError, iter_cityjson
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.vectors.geopackage import Row, append_rows, write_polygons
 from eaves.model import CoordinateSystem
-from eaves.report.build import build
+from eaves.pipeline import build
 from eaves.simulate.objects.roofs import ExactScene
 
 DUTCH = system_of(parse_crs("EPSG:28992"), "test", (85000.0, 447000.0))

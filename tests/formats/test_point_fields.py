@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import laspy
 import numpy as np
 import pytest
-from tests.conftest import build_in_blocks
+from tests.conftest import build_files, build_in_blocks
 from tests.formats.copc_writer import write_copc
 
 import eaves
@@ -17,7 +17,6 @@ from eaves.flow.run import open_run
 from eaves.formats import InputError
 from eaves.methods import ignore
 from eaves.model import Regions
-from eaves.pipeline import build
 from eaves.simulate import coloured, write_simulation
 from eaves.simulate.objects.exact import ExactScene
 
@@ -130,7 +129,7 @@ def test_fields_stay_with_their_points_through_blocks_files_and_processes(
     files = [write_tagged(tmp_path / f"{k}.laz", nine_roofs, slice(k, None, 2)) for k in (0, 1)]
     summary = build_in_blocks(60.0, files, tmp_path / "out", detect=Tagged(), lod="0", jobs=2)
     assert summary.complete and summary.found > 0
-    again = build(files, tmp_path / "one", detect=Tagged(), lod="0", per_tile=True)
+    again = build_files(files, tmp_path / "one", detect=Tagged(), lod="0", per_tile=True)
     assert again.complete and again.found > 0
     for k in (0, 1):
         before, after = laspy.read(files[k]), laspy.read(tmp_path / "out" / f"classified_{k}.laz")
@@ -149,8 +148,10 @@ def test_a_run_whose_files_lack_a_field_is_refused_before_it_reads(
 @pytest.mark.slow
 def test_points_read_without_fields_are_read_again_with_them(nine_roofs: ExactScene, tmp_path: Path) -> None:
     path = write_tagged(tmp_path / "0.laz", nine_roofs, slice(None))
-    build(path, tmp_path / "out", lod="0", keep=True)
-    summary = build(path, tmp_path / "out", detect=Tagged(), lod="0", keep=True, resume=True, overwrite=True)
+    build_files(path, tmp_path / "out", lod="0", keep=True)
+    summary = build_files(
+        path, tmp_path / "out", detect=Tagged(), lod="0", keep=True, resume=True, overwrite=True
+    )
     assert summary.complete and summary.found > 0
 
 

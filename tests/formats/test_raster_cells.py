@@ -10,6 +10,7 @@ import pytest
 import rasterio
 import shapely
 from tests.cli.test_commands import eaves as run
+from tests.conftest import build_files
 
 import eaves
 from eaves.formats import InputError, read, write_raster
@@ -18,7 +19,6 @@ from eaves.formats.points import raster_cells
 from eaves.formats.points.converted import remarks_on as raster_remarks
 from eaves.formats.points.remote import localise
 from eaves.model import CoordinateSystem, Raster
-from eaves.pipeline import build
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.simulate.objects.exact import ExactScene
 
@@ -145,7 +145,7 @@ def test_the_nine_roofs_are_found_in_their_dsm(with_dtm: bool, dense: ExactScene
     write_raster(tmp_path / "dsm.tif", eaves.make_dsm(cloud, cloud.bounds, cell=0.5), origin=cloud.origin)
     write_raster(tmp_path / "dtm.tif", eaves.make_dtm(cloud, cloud.bounds), origin=cloud.origin)
     dtm = tmp_path / "dtm.tif" if with_dtm else None
-    summary = build(tmp_path / "dsm.tif", tmp_path / "out", dtm=dtm)
+    summary = build_files(tmp_path / "dsm.tif", tmp_path / "out", dtm=dtm)
     assert (summary.found, summary.modelled, summary.trust.get("high", 0)) == (9, 9, 0)
     assert any("as from image matching" in words for words in summary.run["scan"]["remarks"])
     _, _, wkb, fields = pyogrio.raw.read(

@@ -9,9 +9,9 @@ import laspy
 import numpy as np
 import pytest
 from copc_writer import write_copc
+from tests.conftest import build_files
 
 from eaves.formats import InputError, iter_chunks, open_source
-from eaves.pipeline import build
 from eaves.run.index import index_inputs
 
 COUNT = 120_000
@@ -96,4 +96,4 @@ def test_a_cut_file_is_refused_with_the_remedy(point_format: int, suffix: str, t
     with pytest.raises(InputError, match="copy or download it again"):
         points_of(path)
     with pytest.raises(InputError, match="copy or download it again"):
-        build(path, tmp_path / "out", lod="0", outputs=("classified",))
+        build_files(path, tmp_path / "out", lod="0", outputs=("classified",))

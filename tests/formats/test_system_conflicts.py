@@ -9,12 +9,11 @@ import laspy
 import laspy.vlrs.known
 import numpy as np
 import pytest
-from tests.conftest import but_first, write_laz
+from tests.conftest import build_files, but_first, write_laz
 
 from eaves.formats import InputError
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.crs_check import vertical_datum
-from eaves.pipeline import build
 from eaves.run.index import index_inputs
 from eaves.run.manifest import read_facts
 
@@ -135,5 +134,5 @@ def test_a_place_nothing_explains_is_a_warning(tmp_path: Path, caplog: pytest.Lo
 
 def test_the_vertical_datum_is_written(nine_roofs_file: Path, tmp_path: Path) -> None:
     assert vertical_datum(system_of(parse_crs("EPSG:7415"), "", (85000, 447000)))["name"] == "NAP height"
-    build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",))
+    build_files(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",))
     assert read_facts(tmp_path)["vertical_datum"] == {"status": "unknown", "name": None}

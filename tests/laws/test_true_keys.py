@@ -15,6 +15,8 @@ import pytest
 
 import eaves
 from eaves.buildings.building_file import found_buildings
+from eaves.flow.corrected import correct, outlines_in
+from eaves.flow.edits import FLAT_ROOF, Edit
 from eaves.flow.region import ensure_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
 from eaves.flow.step import Input, Region, Step, ensure, square_of
@@ -27,8 +29,6 @@ from eaves.run import keys
 from eaves.run.keys import modules_of, path_of_method
 from eaves.run.part_file import PartFile
 from eaves.run.workers import Outcome, Workers
-from eaves.upkeep.corrected import correct, outlines_in
-from eaves.upkeep.edits import FLAT_ROOF, Edit
 
 PACKAGE = Path(eaves.__file__).parent
 SIDE = 60.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from eaves.model.summary import Summary
-from eaves.report.build import build
+from eaves.pipeline import build
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ from matplotlib.image import imread, imsave
 from pyproj import Transformer
 
 from eaves.model.summary import Summary
-from eaves.report.build import build
+from eaves.pipeline import build
 from eaves.report.contents import Contents, read_contents
 from eaves.report.page_file import iter_page
 from eaves.report.surfaces import CityFace, CityFaces

@@ -13,12 +13,11 @@ import numpy as np
 import pyogrio.raw
 import pytest
 
-import eaves.report.build as report_build
 from eaves.flow import formats
 from eaves.formats import Format, InputError
 from eaves.model.summary import IncompleteRunError, Summary
-from eaves.report import sample
-from eaves.report.build import build
+from eaves.pipeline import build
+from eaves.report import output, sample
 from eaves.report.contents import read_contents
 from eaves.report.page_file import iter_arrays, iter_page
 from eaves.report.sample import PointSample
@@ -167,7 +166,7 @@ def test_a_page_or_a_format_that_fails_is_named__the_other_files_stand(
     def fail(*words: object, **named: object) -> None:
         raise ZeroDivisionError("by nought")
 
-    monkeypatch.setattr(report_build, "write_page", fail)
+    monkeypatch.setattr(output, "write_page", fail)
     broken = Format({"footprints": ("footprints.kml", fail)})
     monkeypatch.setattr(
         formats, "format_of", lambda name, known=formats.format_of: broken if name == "kml" else known(name)

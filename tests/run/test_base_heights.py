@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from tests.conftest import write_laz
+from tests.conftest import build_files, write_laz
 
 from eaves.formats import read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
-from eaves.pipeline import build
 from eaves.simulate.objects.roofs import ExactScene
 
 
@@ -34,7 +33,7 @@ def test_a_footprint_without_ground_beside_it_stands_on_the_nearest_and_says_so(
     for name, kept in (("whole", np.ones(len(xyz), bool)), ("bare", ~bare)):
         write_laz(tmp_path / f"{name}.laz", xyz[kept] + shift)
         options = {"footprints": given, "id_field": "name", "outputs": ("footprints",)}
-        build(tmp_path / f"{name}.laz", tmp_path / name, **options)  # type: ignore[arg-type]
+        build_files(tmp_path / f"{name}.laz", tmp_path / name, **options)  # type: ignore[arg-type]
     whole, without = table(tmp_path / "whole"), table(tmp_path / "bare")
     assert {source for source, _ in whole.values()} == {"measured"}
     # A roof without ground around it can pass for terrain: the footprint then fails, with its reason.

@@ -7,9 +7,9 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from tests.conftest import build_files
 
 from eaves.model import PointCloud
-from eaves.pipeline import build
 from eaves.recipe.recipe import make_recipe
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.surroundings.vegetation import VegetationRules, vegetation_classes
@@ -76,8 +76,8 @@ def test_classes_2_and_6_are_the_same_with_and_without_vegetation(tmp_path: Path
         whole[bare:] = values
         setattr(more, name, whole)
     more.write(tmp_path / "crown.laz")
-    build(tmp_path / "crown.laz", tmp_path / "all", lod="0")
-    build(tmp_path / "crown.laz", tmp_path / "two", lod="0", classes=(2, 6))
+    build_files(tmp_path / "crown.laz", tmp_path / "all", lod="0")
+    build_files(tmp_path / "crown.laz", tmp_path / "two", lod="0", classes=(2, 6))
     whole, two = classes_of(tmp_path / "all"), classes_of(tmp_path / "two")
     assert set(np.unique(two)) <= {1, 2, 6, 7, 18}
     assert (whole[bare:] == 5).mean() > 0.8
@@ -99,9 +99,9 @@ def test_a_file_may_number_its_classes_as_it_likes(tmp_path: Path) -> None:
     own[truth.truth_class == 6] = 40
     las.classification = own
     las.write(tmp_path / "own.laz")
-    usual = build(tmp_path / "usual.laz", tmp_path / "a", lod="0", use_classes=True)
+    usual = build_files(tmp_path / "usual.laz", tmp_path / "a", lod="0", use_classes=True)
     options = dict(building_classes=(40,), ground_classes=(8, 11))
-    renamed = build(tmp_path / "own.laz", tmp_path / "b", lod="0", use_classes=True, **options)
+    renamed = build_files(tmp_path / "own.laz", tmp_path / "b", lod="0", use_classes=True, **options)
     assert renamed.found == usual.found == 9
     assert (classes_of(tmp_path / "a") == classes_of(tmp_path / "b")).all()
 

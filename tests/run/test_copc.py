@@ -6,17 +6,17 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+from tests.conftest import build_files
 from tests.formats.copc_writer import write_copc
 from tests.run.test_long_buildings import features
 
 from eaves.formats import iter_chunks, open_source
-from eaves.pipeline import build
 
 
 def test_copc_gives_what_laz_gives(nine_roofs_file: Path, tmp_path: Path) -> None:
     write_copc(tmp_path / "points.copc.laz", laspy.read(nine_roofs_file))
-    assert build(nine_roofs_file, tmp_path / "laz").complete
-    assert build(tmp_path / "points.copc.laz", tmp_path / "copc").complete
+    assert build_files(nine_roofs_file, tmp_path / "laz").complete
+    assert build_files(tmp_path / "points.copc.laz", tmp_path / "copc").complete
     one, other = (features([tmp_path / name / "buildings.city.jsonl"]) for name in ("laz", "copc"))
     assert one == other
 

@@ -7,12 +7,11 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-from tests.conftest import build_in_blocks
+from tests.conftest import build_files, build_in_blocks
 
 from eaves.blocks.thinned import ENOUGH_PER_M2, SIDE, find_thinned
 from eaves.model import GRID_STEP, Block
 from eaves.model.cloud import canonical_order
-from eaves.pipeline import build
 from eaves.run.store import RECORD
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
@@ -52,7 +51,7 @@ def test_a_block_with_fewer_points_keeps_all() -> None:
 def test_all_points_of_a_dense_scan_have_their_class_building_and_plane(tmp_path: Path) -> None:
     scene = nine_roofs_on_a_slope(density=1.5 * ENOUGH_PER_M2, noise=0.02)
     path = write_simulation(scene, tmp_path / "scan")["points"]
-    build(path, tmp_path / "out", formats=("cityjson",), keep=True)
+    build_files(path, tmp_path / "out", formats=("cityjson",), keep=True)
     assert list((tmp_path / "out/.eaves-work").glob("thinned/*.part"))
     written = laspy.read(tmp_path / "out" / "classified.laz")
     assert len(written.points) == len(scene.cloud)
@@ -171,8 +170,8 @@ def test_tiles_with_a_buffer_give_the_models_of_the_points_alone__and_it_is_said
     times: bool, tmp_path: Path
 ) -> None:
     whole, tiles = tiles_of_nine(tmp_path, times, buffer=15.0)
-    plain = build(whole, tmp_path / "plain", outputs=("footprints", "models"))
-    again = build(tiles, tmp_path / "again", outputs=("footprints", "models", "classified"))
+    plain = build_files(whole, tmp_path / "plain", outputs=("footprints", "models"))
+    again = build_files(tiles, tmp_path / "again", outputs=("footprints", "models", "classified"))
     lines = [
         (tmp_path / name / "buildings.city.jsonl").read_text().splitlines()[1:] for name in ("plain", "again")
     ]
@@ -198,7 +197,7 @@ def test_points_on_the_shared_edge_of_tiles_count_once(tmp_path: Path) -> None:
         tile.points = las.points[inside].copy()
         tiles.append(tmp_path / f"{name}.laz")
         tile.write(tiles[-1])
-    again = build(tiles, tmp_path / "again", outputs=("footprints",))
+    again = build_files(tiles, tmp_path / "again", outputs=("footprints",))
     twice = int((x == edge).sum())
     (remark,) = again.remarks
     assert twice > 0 and remark.startswith(f"{twice} of {len(x) + twice:,} points are identical")

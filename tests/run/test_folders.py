@@ -11,13 +11,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from tests.conftest import build_files
 
 import eaves
 from eaves.flow import run
 from eaves.flow.formats import classified_name
 from eaves.flow.run import open_run
 from eaves.formats import InputError
-from eaves.pipeline import build
 from eaves.run.lock import LOCK, lock_folder
 from eaves.run.manifest import MANIFEST, check_folder, end_manifest, read_manifest
 
@@ -40,6 +40,7 @@ import sys, time
 from pathlib import Path
 from eaves.formats import InputError
 from eaves.run.lock import lock_folder
+from tests.conftest import build_files
 try:
     with lock_folder(Path(sys.argv[1])):
         print("mine", flush=True)
@@ -78,22 +79,22 @@ def test_the_output_folder_is_never_that_of_an_input(one_roof_file: Path, tmp_pa
         if out.resolve() != tmp_path.resolve():
             continue
         with pytest.raises(InputError, match="output folder"):
-            build(tmp_path, out)
+            build_files(tmp_path, out)
     with pytest.raises(InputError, match="overwritten"):
-        build(tmp_path / "x.laz", tmp_path, outputs=("classified",), classified=link / "x.laz")
+        build_files(tmp_path / "x.laz", tmp_path, outputs=("classified",), classified=link / "x.laz")
     assert [path.name for path in tmp_path.iterdir()] == ["x.laz"]
     assert (tmp_path / "x.laz").read_bytes() == before
 
 
 def test_given_footprints_are_not_overwritten(one_roof_file: Path, tmp_path: Path) -> None:
-    build(one_roof_file, tmp_path, lod="0")
+    build_files(one_roof_file, tmp_path, lod="0")
     with pytest.raises(InputError, match="would be overwritten"):
-        build(one_roof_file, tmp_path, footprints=tmp_path / "footprints.gpkg")
+        build_files(one_roof_file, tmp_path, footprints=tmp_path / "footprints.gpkg")
 
 
 @pytest.mark.slow
 def test_a_rerun_removes_its_own_old_files_and_nothing_else(one_roof_file: Path, tmp_path: Path) -> None:
-    assert build(one_roof_file, tmp_path, lod="1.2", formats=("obj", "3dtiles", "geojson")).complete
+    assert build_files(one_roof_file, tmp_path, lod="1.2", formats=("obj", "3dtiles", "geojson")).complete
     assert check_folder(tmp_path) == []
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "footprints.geojson").write_text("changed by hand")
@@ -102,8 +103,8 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(one_roof_file: Path,
         f"{read_manifest(tmp_path)['written']['footprints.geojson']['size']}"
     ]
     with pytest.raises(InputError, match=r"footprints.geojson: was changed since a run wrote it"):
-        build(one_roof_file, tmp_path, lod="0", outputs=("footprints",))
-    assert build(one_roof_file, tmp_path, lod="0", outputs=("footprints",), overwrite=True).complete
+        build_files(one_roof_file, tmp_path, lod="0", outputs=("footprints",))
+    assert build_files(one_roof_file, tmp_path, lod="0", outputs=("footprints",), overwrite=True).complete
     assert {path.name for path in tmp_path.iterdir()} == {
         *("footprints.gpkg", "review.csv", "buildings.qgz", MANIFEST),
         *("notes.txt", "before-1"),
@@ -131,13 +132,13 @@ def test_a_run_that_did_not_end_is_no_result(
 ) -> None:
     from eaves.flow import outputs
 
-    assert build(one_roof_file, tmp_path, lod="0").complete
+    assert build_files(one_roof_file, tmp_path, lod="0").complete
     monkeypatch.setattr(outputs, "write_run", lambda summary: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        build(one_roof_file, tmp_path, lod="0", formats=("geojson",))
+        build_files(one_roof_file, tmp_path, lod="0", formats=("geojson",))
     assert any("did not end" in line for line in check_folder(tmp_path))
     monkeypatch.undo()
-    assert build(one_roof_file, tmp_path, lod="0", resume=True).complete
+    assert build_files(one_roof_file, tmp_path, lod="0", resume=True).complete
     assert check_folder(tmp_path) == []
     assert not (tmp_path / "footprints.geojson").exists()
 
@@ -170,7 +171,7 @@ def test_an_input_that_changes_during_the_run_ends_it(
             os.utime(points, ns=(before.st_atime_ns, before.st_mtime_ns))
 
     with pytest.raises(InputError, match="changed while the run was reading it"):
-        build(points, tmp_path / "out", progress=edit, outputs=("footprints", "classified"))
+        build_files(points, tmp_path / "out", progress=edit, outputs=("footprints", "classified"))
     assert not (tmp_path / "out" / "classified.laz").exists()
 
 

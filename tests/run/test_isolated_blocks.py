@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import rasterio
 from rasterio.windows import from_bounds
+from tests.conftest import build_files
 
 from eaves.model import Block
-from eaves.pipeline import build
 from eaves.run.manifest import check_folder
 from eaves.run.partition import find_isolated_blocks
 from eaves.run.store import RECORD, Store
@@ -51,7 +51,7 @@ def test_a_strewn_cloud_gives_valid_empty_results_at_once(
 ) -> None:
     xyz = np.random.default_rng(2).random((3000, 3)) * [4e6, 4e6, 1e3]
     np.savetxt(tmp_path / "a.xyz", xyz, "%.2f")
-    summary = build(tmp_path / "a.xyz", tmp_path / "out")
+    summary = build_files(tmp_path / "a.xyz", tmp_path / "out")
     assert summary.complete and summary.found == 0
     assert "are left out" in caplog.text
 
@@ -61,7 +61,7 @@ def test_rasters_over_a_continent_are_written_where_points_lie(tmp_path: Path) -
     near = rng.random((500, 3)) * [30, 30, 0]
     np.savetxt(tmp_path / "a.xyz", np.concatenate([near, near + [3e6, 2e6, 7]]), "%.2f")
     out = tmp_path / "out"
-    assert build(tmp_path / "a.xyz", out).complete
+    assert build_files(tmp_path / "a.xyz", out).complete
     assert len(list((out / "tiles").glob("*/dtm.tif"))) == len(list((out / "tiles").glob("*/mask.tif"))) == 2
     assert not (out / "dtm.tif").exists()
     for place, height in ((np.array([15.0, 15.0]), 0.0), (np.array([3e6 + 15, 2e6 + 15]), 7.0)):
@@ -70,5 +70,5 @@ def test_rasters_over_a_continent_are_written_where_points_lie(tmp_path: Path) -
             assert terrain.read(1, window=window) == pytest.approx(height, abs=1e-3)
             assert not mask.read(1, window=from_bounds(*place, *(place + 5), mask.transform)).any()
     assert check_folder(out) == []
-    assert build(tmp_path / "a.xyz", out, outputs=("models",)).complete
+    assert build_files(tmp_path / "a.xyz", out, outputs=("models",)).complete
     assert not (out / "tiles").exists()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.conftest import write_laz
 
-from eaves.report.build import build
+from eaves.pipeline import build
 from eaves.simulate.objects.roofs import ExactScene
 
 judges = pytest.importorskip("benchmarks.accuracy.judges")
@@ -43,7 +43,7 @@ def test_files_of_a_survey_in_feet_contradict_nothing_and_name_their_units(
     assert FEET in summary.as_text().splitlines()
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert f"all lengths here in metres; in the files {FEET}" in page
-    assert all(title in page for title in ("eaves above datum (m)", "height above ground (m)"))
+    assert all(title in page for title in ("eaves above datum (m)", "height (m)"))
     with closing(sqlite3.connect(tmp_path / "out" / "footprints.gpkg")) as base:
         layers = dict(base.execute("SELECT table_name, description FROM gpkg_contents"))
         titles = base.execute("SELECT column_name, title FROM gpkg_data_columns").fetchall()

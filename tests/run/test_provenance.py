@@ -11,11 +11,11 @@ from pathlib import Path
 import laspy
 import pytest
 import rasterio
+from tests.conftest import build_files
 
 from eaves.flow.formats import places_of_formats
 from eaves.formats.crs_check import vertical_datum
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
-from eaves.pipeline import build
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 
@@ -28,7 +28,7 @@ def results(
     truth = nine_roofs_on_a_slope(density=2.0).placed(request.param)
     points = write_simulation(truth, place / "in")["points"]
     formats = [name for name in places_of_formats() if name not in ("copc", "ifc")]
-    build(points, place / "out", formats=formats)
+    build_files(points, place / "out", formats=formats)
     datum = vertical_datum(truth.cloud.system)
     return place / "out", Provenance((points.name,), 1, datum["name"], str(datum["status"]))
 

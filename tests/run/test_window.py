@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from tests.conftest import build_files
 from tests.formats.copc_writer import write_copc
 
 from eaves.formats import iter_chunks, open_source
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Bounds, CoordinateSystem
-from eaves.pipeline import build
 from eaves.run.index import index_inputs
 from eaves.run.partition import Window, file_slices, partition_slice
 from eaves.run.store import Store
@@ -79,7 +79,7 @@ def test_a_run_with_bounds_knows_and_writes_nothing_outside(
 ) -> None:
     bounds = windows["bounds"].bounds
     assert bounds is not None
-    summary = build(inputs["laz"], tmp_path, bounds=bounds, outputs=("rasters", "classified"))
+    summary = build_files(inputs["laz"], tmp_path, bounds=bounds, outputs=("rasters", "classified"))
     assert summary.complete
     with rasterio.open(tmp_path / "dtm.tif") as image:
         assert Bounds(*image.bounds).buffered(-1.0).union(bounds) == bounds
@@ -97,7 +97,7 @@ def test_a_clip_area_that_is_a_rectangle_gives_the_buildings_of_the_same_bounds(
     write_geopackage(tmp_path / "area.gpkg", [Row(shapely.box(*bounds), {})], (), CoordinateSystem())
     outputs = ("footprints", "models")
     found = [
-        build(inputs["laz"], tmp_path / name, outputs=outputs, **{name: area}).found
+        build_files(inputs["laz"], tmp_path / name, outputs=outputs, **{name: area}).found
         for name, area in (("bounds", bounds), ("clip", tmp_path / "area.gpkg"))
     ]
     assert found[0] == found[1] > 1

@@ -14,7 +14,7 @@ import rasterio
 
 from eaves.cli.app import make_app
 from eaves.formats import InputError, read_raster
-from eaves.report.build import build
+from eaves.pipeline import build
 from eaves.solar import folder as solar_folder
 from eaves.solar.folder import IRRADIATION, convergence_of, measure_solar
 from eaves.solar.sun import ClearSky

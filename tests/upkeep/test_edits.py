@@ -8,13 +8,7 @@ import pyogrio
 import pytest
 import shapely
 
-from eaves.formats import read_cityjson, read_polygons
-from eaves.formats.errors import InputError
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.pipeline import build
-from eaves.run.manifest import check_folder
-from eaves.simulate import nine_roofs_on_a_slope, write_simulation
-from eaves.upkeep.edits import (
+from eaves.flow.edits import (
     FLAT_ROOF,
     FOOTPRINT,
     IS_BUILDING,
@@ -25,7 +19,13 @@ from eaves.upkeep.edits import (
     settle,
     write_edits,
 )
+from eaves.formats import read_cityjson, read_polygons
+from eaves.formats.errors import InputError
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.run.manifest import check_folder
+from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.upkeep.update import Updated, update
+from tests.conftest import build_files
 
 OUTPUTS = ("footprints", "models", "classified")
 
@@ -35,7 +35,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that keeps its parts."""
     place = tmp_path_factory.mktemp("kept")
     files = write_simulation(nine_roofs_on_a_slope(density=8.0, seed=1), place / "nine")
-    build(files["points"], place / "out", keep=True, outputs=OUTPUTS)
+    build_files(files["points"], place / "out", keep=True, outputs=OUTPUTS)
     return place / "out"
 
 
@@ -162,7 +162,7 @@ FILES = ("buildings.city.jsonl", "classified.laz", "review.csv")
 @pytest.mark.slow
 def test_a_run_that_kept_nothing_is_edited__with_the_same_bytes(out: Path, tmp_path: Path) -> None:
     plain = tmp_path / "plain"
-    build(json.loads((out / "run.json").read_text())["inputs"][0]["path"], plain, outputs=OUTPUTS)
+    build_files(json.loads((out / "run.json").read_text())["inputs"][0]["path"], plain, outputs=OUTPUTS)
     assert not (plain / ".eaves-work").exists()
     names = list(buildings(out))
     edits = [

@@ -17,10 +17,10 @@ import shapely
 from pyproj import CRS
 
 from eaves.blocks.superseded import GAP_CELLS, find_superseded, inputs_of_superseded, pair_same
+from eaves.flow.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.formats import InputError, read_polygons
 from eaves.model import Block
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.pipeline import build
 from eaves.run.keys import SUPERSEDED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import check_folder
@@ -29,12 +29,11 @@ from eaves.run.store import RECORD, Store
 from eaves.run.world_squares import ring
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
-from eaves.upkeep.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.upkeep.kept import open_again
 from eaves.upkeep.update import Updated, date_of, update
 from eaves.upkeep.versions import lines_of, terminated
 from tests.change.test_compare import GONE, RAISED, later_roofs
-from tests.conftest import write_laz
+from tests.conftest import build_files, write_laz
 
 OUTPUTS = ("footprints", "models", "classified")
 HOME = Block(0, 0, 240.0)
@@ -153,7 +152,7 @@ def epochs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`out`, a run of the nine roofs that keeps its parts; `tiles`, a later scan of a part, in two files."""
     place = tmp_path_factory.mktemp("update")
     first = nine_roofs_on_a_slope(density=8.0, seed=1)
-    build(write_simulation(first, place / "old")["points"], place / "out", keep=True, outputs=OUTPUTS)
+    build_files(write_simulation(first, place / "old")["points"], place / "out", keep=True, outputs=OUTPUTS)
     second = sample_from_above(later_roofs(first), 3 * PITCH, 8.0, 0.03, seed=2)
     las = laspy.read(write_simulation(second, place / "new")["points"])
     (place / "tiles").mkdir()
@@ -222,7 +221,7 @@ def test_an_update_gives_what_a_build_of_what_stays_and_what_is_new_gives(
     for name in ("return_number", "number_of_returns", "classification"):
         las[name] = known[name]
     las.write(epochs / "merged.laz")
-    build(epochs / "merged.laz", epochs / "whole", outputs=("footprints", "models"))
+    build_files(epochs / "merged.laz", epochs / "whole", outputs=("footprints", "models"))
     whole, mine = (sorted(shapes(epochs / name).values()) for name in ("whole", "out2"))
     assert len(whole) == len(mine) == 8
     assert whole == mine
@@ -448,9 +447,9 @@ def test_points_that_come_beside_those_of_a_run_give_the_build_of_both(share: fl
         write_laz(tmp_path / f"{name}.laz", xyz[inside])
     parts = [tmp_path / "west.laz", tmp_path / "east.laz"]
     outputs = ("footprints", "models")
-    build(parts[0], tmp_path / "first", outputs=outputs, keep=True)
+    build_files(parts[0], tmp_path / "first", outputs=outputs, keep=True)
     update(tmp_path / "first", parts[1], tmp_path / "second", date="2026-05-01")
-    build(parts, tmp_path / "whole", outputs=outputs)
+    build_files(parts, tmp_path / "whole", outputs=outputs)
     whole, mine = (sorted(shapes(tmp_path / name).values()) for name in ("whole", "second"))
     assert whole == mine
 
@@ -463,8 +462,8 @@ def test_copies_of_earlier_points_around_new_ones_confirm_no_building(tmp_path: 
     for name, inside in (("west", xyz[:, 0] < cut), ("east", xyz[:, 0] >= np.floor(cut - 6.0))):
         write_laz(tmp_path / f"{name}.laz", xyz[inside])
     parts = [tmp_path / "west.laz", tmp_path / "east.laz"]
-    build(parts[0], tmp_path / "first", outputs=("footprints", "models"), keep=True)
+    build_files(parts[0], tmp_path / "first", outputs=("footprints", "models"), keep=True)
     update(tmp_path / "first", parts[1], tmp_path / "second", date="2026-05-01")
-    build(parts, tmp_path / "whole", outputs=("footprints", "models"))
+    build_files(parts, tmp_path / "whole", outputs=("footprints", "models"))
     whole, mine = (sorted(shapes(tmp_path / name).values()) for name in ("whole", "second"))
     assert whole == mine

@@ -165,7 +165,7 @@ def run_build(
         from eaves.run.workers import import_libraries_alone
 
         import_libraries_alone()
-        from eaves.report.build import build as build_files
+        from eaves.pipeline import build as build_files
 
         recipe = read_recipe(options, given, ground_only)
     with run_display(quiet) as progress:
@@ -224,7 +224,7 @@ def show_plan(
     start_log(quiet, verbose)
     with TemporaryDirectory() as cache:
         options.setdefault("cache", cache)
-        run = plan_run(inputs, out, read_recipe(options, given), carries_edits=True, **options)
+        run = plan_run(inputs, out, read_recipe(options, given), **options)
         typer.echo(run.facts.as_text())
         warn_of_memory(run)
     for reason in run.failed:
@@ -310,8 +310,8 @@ def start_run_log(quiet: bool, verbose: bool) -> None:
 @contextmanager
 def run_display(quiet: bool) -> Iterator[Any]:
     """The progress of a run; in a first run also that of compiling."""
+    from eaves.flow.progress import compilation_shown
     from eaves.kernels import FIRST_USE, is_first_use
-    from eaves.report.progress import compilation_shown
 
     compiling = is_first_use()
     if compiling and not quiet:
@@ -326,7 +326,7 @@ def run_display(quiet: bool) -> Iterator[Any]:
 def progress_display(quiet: bool, compiling: bool = False) -> Any:
     """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
     quiet."""
-    from eaves.report.progress import bars, lines, nothing
+    from eaves.flow.progress import bars, lines, nothing
 
     if quiet:
         return nothing()

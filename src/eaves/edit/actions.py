@@ -12,7 +12,7 @@ import shapely
 from shapely import Polygon
 from shapely.ops import split
 
-from eaves.upkeep import OVERLAP_M2, VERDICTS, Edit
+from eaves.flow import OVERLAP_M2, VERDICTS, Edit
 
 SAME_CORNER_M = 0.01
 """Corners nearer than this (m) to one another are one, and move together."""

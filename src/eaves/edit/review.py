@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from eaves.flow import Edit, read_edits
 from eaves.formats import read_polygons
-from eaves.upkeep import Edit, read_edits
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from shapely import Polygon
 
 from eaves.edit.actions import ActionError, Table, edits_of, signed
 from eaves.edit.review import Reviewed, read_queue
-from eaves.upkeep import Edit, Trial, open_trial, update
+from eaves.flow import Edit
+from eaves.upkeep import Trial, open_trial, update
 
 
 @dataclass(frozen=True, eq=False)

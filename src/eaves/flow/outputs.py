@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import shapely
@@ -18,6 +18,7 @@ from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import ANSWERS, SavedBuildings, read_numbers
+from eaves.extensions import OUTPUTS, imported, installed
 from eaves.figures.party_walls import (
     PARTY_GAP,
     Walls,
@@ -46,7 +47,7 @@ from eaves.flow.review import (
 from eaves.flow.run import Run, stated_request
 from eaves.flow.step import Region, Step, Work, results_of
 from eaves.flow.steps import GROUND, REGIONS, SHOWN
-from eaves.formats import write_cityjson_seq
+from eaves.formats import InputError, write_cityjson_seq
 from eaves.formats.columns import LAYERS
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
@@ -137,6 +138,33 @@ class Written(NamedTuple):
     files: list[Path]
     sink: PointSink | None = None
     failed: Sequence[str] = ()
+
+
+class LateOutput(Protocol):
+    """An output that a package brings (`eaves.outputs`), written of the other files of a run."""
+
+    sink: PointSink
+    """Receives the classified points as they are written."""
+
+    def write(self, summary: Summary) -> Path:
+        """Write it; its path."""
+
+
+def page_of(run: Run) -> LateOutput | None:
+    """The page of a run; None where it writes none.
+
+    Raises
+    ------
+    InputError
+        When no installed package brings it.
+    """
+    if "report" not in run.outputs or run.by_tiles:
+        return None
+    place = installed(OUTPUTS).get("report")
+    if place is None:
+        raise InputError("--outputs report: no installed package brings it; install eaves again")
+    page: LateOutput = imported(place)()
+    return page
 
 
 def write_output(step: str, results: RunResults, sink: PointSink | None) -> Written:

@@ -248,11 +248,10 @@ def open_run(
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
-    carries_edits: bool = False,
     **options: Unpack[RunOptions],
 ) -> Run:
     """The run that is asked for (`plan_run`), with its folder, which can be written."""
-    run = plan_run(inputs, out, recipe, progress, carries_edits, **options)
+    run = plan_run(inputs, out, recipe, progress, **options)
     claim(run.folder)
     return run
 
@@ -262,7 +261,6 @@ def plan_run(
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
-    carries_edits: bool = False,
     **options: Unpack[RunOptions],
 ) -> Run:
     """The run that is asked for: every option checked, headers and polygons read, nothing written.
@@ -277,8 +275,6 @@ def plan_run(
         The methods, instead of the options that name them.
     progress
         Called while headers are read.
-    carries_edits
-        The edits that the folder holds are carried out again, not written over.
     options
         The keywords of `RunOptions`, documented at `eaves.build`.
 
@@ -335,7 +331,7 @@ def plan_run(
     for name, path in polygons.items():
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
-    carries_edits = carries_edits and options["classified"] is None and (folder / EDITS).exists()
+    carries_edits = options["classified"] is None and (folder / EDITS).exists()
     plan = describe_plan(index, recipe, options, mapped.known, hashes)
     if options["as_published"] and options["source"]:
         log.info("as published: %s", find_source(options["source"]).printed)

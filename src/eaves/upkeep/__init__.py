@@ -1,4 +1,4 @@
-"""Kept runs: updated with new points, rebuilt after edits, learned from."""
+"""Kept runs: updated with new points, rebuilt after edits."""
 
 import lazy_loader
 

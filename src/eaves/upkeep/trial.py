@@ -11,6 +11,8 @@ from pathlib import Path
 import shapely
 
 from eaves.buildings.building_file import SavedBuilding, SavedBuildings
+from eaves.flow.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
+from eaves.flow.edits import Edit, write_edits
 from eaves.flow.refusals import EDITS, LAYER
 from eaves.flow.region import ensure_points, open_region
 from eaves.flow.run import Progress, no_progress
@@ -19,8 +21,6 @@ from eaves.model import Block, CoordinateSystem
 from eaves.pipeline import hold_folder
 from eaves.run.keys import EDITED
 from eaves.run.store import WORK
-from eaves.upkeep.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
-from eaves.upkeep.edits import Edit, write_edits
 from eaves.upkeep.kept import link_results, open_again, read_request
 from eaves.upkeep.update import compute_again
 

@@ -22,6 +22,8 @@ from eaves.buildings.building_file import (
     numbers_of_owners,
 )
 from eaves.flow.classified_points import known_copies
+from eaves.flow.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
+from eaves.flow.edits import Edit, read_edits, write_edits
 from eaves.flow.outputs import write_outputs
 from eaves.flow.refusals import EDITS, is_same_place
 from eaves.flow.region import EARLIER, drop_upkeep, end_region, ensure_points, open_region
@@ -36,8 +38,6 @@ from eaves.run.keys import BUILDINGS, CLASSIFIED, EDITED, NAMED, REGIONS, SUPERS
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
 from eaves.run.store import WORK, Store
-from eaves.upkeep.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
-from eaves.upkeep.edits import Edit, read_edits, write_edits
 from eaves.upkeep.kept import MODELS, link_file, link_results, open_again, read_request
 from eaves.upkeep.versions import Versions, known_ids, lines_of, name_versions, write_history
 

@@ -14,6 +14,7 @@ from shapely import Polygon
 from eaves.buildings.building_file import SavedBuildings, found_buildings
 from eaves.buildings.edited import Order, OwnedOrders
 from eaves.buildings.join import block_of
+from eaves.flow.edits import Edit, edits_of_layer, read_edits, settle, write_edits
 from eaves.flow.refusals import EDITS, LAYER
 from eaves.flow.region import model_edits
 from eaves.flow.run import Run
@@ -22,7 +23,6 @@ from eaves.flow.steps import BUILDINGS, EDITED
 from eaves.model import Block, CoordinateSystem, Footprint
 from eaves.run.keys import NAMED
 from eaves.run.manifest import is_changed, known_files
-from eaves.upkeep.edits import Edit, edits_of_layer, read_edits, settle, write_edits
 
 OVERLAP_M2 = 1.0
 """An edited outline that covers more of a neighbour than this (m²) is reported."""
