@@ -40,7 +40,6 @@ import sys, time
 from pathlib import Path
 from eaves.formats import InputError
 from eaves.run.lock import lock_folder
-from tests.conftest import build_files
 try:
     with lock_folder(Path(sys.argv[1])):
         print("mine", flush=True)
