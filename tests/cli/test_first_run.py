@@ -84,7 +84,14 @@ def test_nothing_is_foreseen_from_reading_alone(monkeypatch: pytest.MonkeyPatch)
     remaining = progress.Remaining()
     assert remaining.after("read", 1, 1) is None
     left = remaining.after("blocks", 1, 2)
-    assert left == pytest.approx(20.0 * (1 - 0.305) / 0.305)
+    assert left == pytest.approx(20.0 * (1 - 0.405) / 0.405)
+
+
+def test_the_ground_alone_has_no_buildings_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 10.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    remaining = progress.Remaining(shares=progress.GROUND_SHARES)
+    assert remaining.after("blocks", 9, 9) == pytest.approx(10.0 * 0.18 / 0.82)
 
 
 def test_summary_of_a_build_counts_buildings() -> None:

@@ -168,7 +168,7 @@ def run_build(
         from eaves.pipeline import build as build_files
 
         recipe = read_recipe(options, given, ground_only)
-    with run_display(quiet) as progress:
+    with run_display(quiet, ground_only) as progress:
         return build_files(inputs, out, recipe, progress, allow_failures=True, **options)
 
 
@@ -308,7 +308,7 @@ def start_run_log(quiet: bool, verbose: bool) -> None:
 
 
 @contextmanager
-def run_display(quiet: bool) -> Iterator[Any]:
+def run_display(quiet: bool, ground_only: bool = False) -> Iterator[Any]:
     """The progress of a run; in a first run also that of compiling."""
     from eaves.flow.progress import compilation_shown
     from eaves.kernels import FIRST_USE, is_first_use
@@ -317,20 +317,21 @@ def run_display(quiet: bool) -> Iterator[Any]:
     if compiling and not quiet:
         typer.echo(FIRST_USE, err=True)
     with (
-        progress_display(quiet, compiling) as progress,
+        progress_display(quiet, compiling, ground_only) as progress,
         compilation_shown(compiling and not quiet, progress),
     ):
         yield progress
 
 
-def progress_display(quiet: bool, compiling: bool = False) -> Any:
+def progress_display(quiet: bool, compiling: bool = False, ground_only: bool = False) -> Any:
     """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
     quiet."""
-    from eaves.flow.progress import bars, lines, nothing
+    from eaves.flow.progress import GROUND_SHARES, SHARES, bars, lines, nothing
 
     if quiet:
         return nothing()
-    return bars(compiling) if sys.stderr.isatty() else lines(compiling)
+    show = bars if sys.stderr.isatty() else lines
+    return show(compiling, GROUND_SHARES if ground_only else SHARES)
 
 
 def describe_sources() -> Iterator[str]:

@@ -6,18 +6,26 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from eaves.kernels import compiled_pieces
 
 Show = Callable[[str, int, int], None]
 SECONDS_BETWEEN_LINES = 10.0
-SHARES = {"read": 0.08, "blocks": 0.45, "buildings": 0.4, "write": 0.07}
-"""Usual share of each stage in the time of a run; of a run by tiles `TILE_SHARES`."""
+SHARES = {"read": 0.08, "ground": 0.2, "blocks": 0.25, "buildings": 0.4, "write": 0.07}
+"""Usual share of each stage in the time of a run; of a run by tiles `TILE_SHARES`, of one that classifies the
+ground alone `GROUND_SHARES`."""
+GROUND_SHARES = {"read": 0.19, "ground": 0.55, "blocks": 0.08, "write": 0.18}
 LEAST_SHARE_COMPILING = 0.9
 """A first run compiles in its early steps, so only its end can be foreseen."""
-UNITS = {"compiling": " loops", "read": " points", "buildings": " blocks", "write": " kinds of file"}
+UNITS = {
+    "compiling": " loops",
+    "read": " points",
+    "ground": " blocks",
+    "buildings": " blocks",
+    "write": " kinds of file",
+}
 LEAST_SHARE, LEAST_S = 0.1, 3.0
 """Before so much of a run, or so many seconds, the time that is left is guesswork: loading and reading, which
 cost the same whatever comes, have been most of it."""
@@ -31,14 +39,15 @@ POLL_S = 5.0
 class Remaining:
     """Time that a whole run will still take, from the shares of its stages and the time it took so far."""
 
-    def __init__(self, compiling: bool = False) -> None:
+    def __init__(self, compiling: bool = False, shares: Mapping[str, float] = SHARES) -> None:
+        self._shares = shares
         self._least = LEAST_SHARE_COMPILING if compiling else LEAST_SHARE
         self._started = time.monotonic()
         self._done: dict[str, float] = {}
 
     def after(self, stage: str, done: int, total: int) -> float | None:
         """Seconds left when so much of a stage is done; None while that is guesswork."""
-        shares = TILE_SHARES if "tiles" in (stage, *self._done) else SHARES
+        shares = TILE_SHARES if "tiles" in (stage, *self._done) else self._shares
         for earlier in list(shares)[: list(shares).index(stage)] if stage in shares else ():
             self._done[earlier] = 1.0
         self._done[stage] = done / total if total else 1.0
@@ -64,9 +73,9 @@ def nothing() -> Iterator[Show]:
 
 
 @contextmanager
-def lines(compiling: bool = False) -> Iterator[Show]:
+def lines(compiling: bool = False, shares: Mapping[str, float] = SHARES) -> Iterator[Show]:
     """A plain line to standard error at the end of each stage, and every ten seconds between."""
-    last, remaining = time.monotonic(), Remaining(compiling)
+    last, remaining = time.monotonic(), Remaining(compiling, shares)
 
     def show(stage: str, done: int, total: int) -> None:
         nonlocal last
@@ -83,7 +92,7 @@ def lines(compiling: bool = False) -> Iterator[Show]:
 
 
 @contextmanager
-def bars(compiling: bool = False) -> Iterator[Show]:
+def bars(compiling: bool = False, shares: Mapping[str, float] = SHARES) -> Iterator[Show]:
     """A bar a stage, drawn by rich on standard error."""
     from rich.console import Console
     from rich.progress import (
@@ -100,7 +109,7 @@ def bars(compiling: bool = False) -> Iterator[Show]:
         MofNCompleteColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    remaining = Remaining(compiling)
+    remaining = Remaining(compiling, shares)
     with Progress(*columns, console=Console(stderr=True)) as display:
         tasks: dict[str, TaskID] = {}
 

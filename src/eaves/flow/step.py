@@ -91,9 +91,9 @@ class Step:
         `earlier(path)`: an earlier result of the same code and parameters, which `run` is given, too.
     booked : str
         The name under which its time is booked.
-    shown : bool
-        True if the progress shown is that of the step.
-    stays : bool
+    shown : str
+        The name under which its progress is shown; empty if it is not.
+    persistent : bool
         True if a run by tiles keeps its results of finished tiles.
     """
 
@@ -109,7 +109,7 @@ class Step:
     isolated: bool = False
     earlier: Callable[[Path], Any] | None = None
     booked: str = "blocks"
-    shown: bool = False
+    shown: str = ""
     persistent: bool = False
 
     def result(self, store: Store, square: Block) -> Any:
@@ -393,7 +393,7 @@ def ensure(region: Region, step: Step, units: Sequence[Any]) -> None:
         region.note(outcome, f"{step.name} of {square_of(tasks[outcome.index][0]).name}")
         region.budget.add(step.booked, outcome.cpu)
         if step.shown:
-            region.progress(step.booked, count, len(tasks))
+            region.progress(step.shown, count, len(tasks))
 
 
 def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:

@@ -92,6 +92,7 @@ GROUND = Step(
     run=classify_block,
     reads=("ground", "use_classes", "ground_classes", "sees_wide"),
     isolated=True,
+    shown="ground",
 )
 SEEN = (
     Input(reach="scene_buffer"),
@@ -125,7 +126,7 @@ REGIONS = Step(
         "keeps_low",
         "smallest",
     ),
-    shown=True,
+    shown="blocks",
 )
 BUILDINGS = Step(
     name=keys.BUILDINGS,
@@ -146,7 +147,7 @@ BUILDINGS = Step(
     ),
     earlier=load_buildings,
     booked="buildings",
-    shown=True,
+    shown="buildings",
     persistent=True,
 )
 EDITED = Step(
@@ -158,7 +159,7 @@ EDITED = Step(
     reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low", "from_raster"),
     earlier=load_buildings,
     booked="buildings",
-    shown=True,
+    shown="buildings",
     persistent=True,
 )
 SHOWN = Step(
