@@ -8,9 +8,11 @@ by zero raises. Arrays are views on counted memory; what is computed on whole ar
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import math
 import textwrap
+from collections import Counter
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -205,6 +207,23 @@ def literal(value: Any, kind: str) -> str:
     return str(int(value)) if -(2**31) < int(value) < 2**31 else f"{int(value)}ll"
 
 
+@functools.cache
+def parsed(function: Callable[..., Any]) -> tuple[Any, Counter[str], set[str]]:
+    """The syntax of a function, how often names are given values in it, and which are in loops."""
+    tree: Any = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assigned: Counter[str] = Counter()
+    in_loops: set[str] = set()
+    waiting: list[tuple[ast.AST, bool]] = [(tree, False)]
+    while waiting:
+        node, within = waiting.pop()
+        within = within or isinstance(node, ast.For | ast.While)
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            assigned[node.id] += 1
+            in_loops |= {node.id} if within else set()
+        waiting += [(inner, within) for inner in ast.iter_child_nodes(node)]
+    return tree, assigned, in_loops
+
+
 class Body:
     """The translation of one kernel for some types of its arguments."""
 
@@ -212,28 +231,18 @@ class Body:
         function = kernel.py_func
         self.inline = kernel.targetoptions["inline"] == "always"
         self.whole, self.name, self.globals = whole, name, function.__globals__
-        self.tree: Any = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+        self.tree, self.assigned, in_loops = parsed(function)
         self.arguments = [one.arg for one in self.tree.args.args]
         if len(types) != len(self.arguments):
             raise Untranslated(f"{name} of {len(types)} arguments")
         self.types: dict[str, Any] = dict(zip(self.arguments, types, strict=True))
         self.natural: dict[str, bool] = dict.fromkeys(self.arguments, False)
         self.returns: Any = None
-        assigned = [
-            n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-        ]
-        self.assigned = {name: assigned.count(name) for name in {*assigned}}
-        in_loops = {
-            n.id
-            for loop in ast.walk(self.tree)
-            if isinstance(loop, ast.For | ast.While)
-            for n in ast.walk(loop)
-            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-        }
         self.steady = {
-            name for name in {*assigned, *self.arguments}
-            if self.assigned.get(name, 0) + (name in self.arguments) == 1 and name not in in_loops
-        }  # fmt: skip
+            name
+            for name in {*self.assigned, *self.arguments}
+            if self.assigned[name] + (name in self.arguments) == 1 and name not in in_loops
+        }
         self.borrowed: dict[str, bool] = {}
         self.calls: list[Function] = []
 

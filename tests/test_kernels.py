@@ -138,7 +138,7 @@ def test_a_clone_makes_its_library_before_numba_compiles(
     monkeypatch.setattr(kernels.subprocess, "Popen", None)
     kernels.compile_listed()
     kernels.compile_listed()
-    assert made == [[kernels.MAKER, kernels.HOME]]
+    assert made == [[kernels.MAKER, "--quick", kernels.HOME]]
     monkeypatch.setenv("CC", "no-compiler-of-this-name")
     assert not kernels.make_library() and len(made) == 1
 

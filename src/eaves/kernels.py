@@ -195,7 +195,7 @@ def make_library() -> bool:
     """True if a clone's library could be made, which a machine without a C compiler cannot."""
     if not MAKER.exists() or not shutil.which(os.environ.get("CC", "cc").split()[0]):
         return False
-    made = subprocess.run([sys.executable, MAKER, HOME], capture_output=True, text=True)
+    made = subprocess.run([sys.executable, MAKER, "--quick", HOME], capture_output=True, text=True)
     log.debug("the library of kernels: %s%s", made.stdout, made.stderr)
     importlib.invalidate_caches()
     library.cache_clear()
