@@ -58,9 +58,9 @@ site: $(BIN)/eaves
 	$(BIN)/pip install --quiet .[site]
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-# A wheel for this Python on this system, the compiled kernels in it, and the source; needs a C compiler.
+# A wheel for all Pythons on this system, the compiled kernels in it, and the source; needs a C compiler.
 package: $(BIN)/eaves
-	$(BIN)/pip install --quiet build hatchling hatch-vcs setuptools
+	$(BIN)/pip install --quiet build hatchling hatch-vcs
 	HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 $(BIN)/python -m build --no-isolation
 
 # The source, and a wheel for any Python on any system, which compiles when it is first run.
@@ -74,9 +74,8 @@ released:
 	  README.md docs/start.md docs/guides/*.md docs/sources/README.md src/eaves/formats/errors.py
 	sed -i 's/ @ git+https:[^"\\]*//' docs/tutorials/first_buildings.ipynb
 
-# The same kernels beside the sources of this clone; a kernel that is changed is compiled when first called.
+# The same kernels beside the sources of this clone, better improved than by its first run, or made anew.
 kernels: $(BIN)/eaves
-	$(BIN)/pip install --quiet setuptools
 	$(BIN)/python packaging/kernels.py src/eaves
 
 # The plug-in site wants ADDRESS=https://… of the repository, and EMAIL=…

@@ -1,4 +1,5 @@
-"""HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 has hatchling put the library of kernels into the wheel that it builds."""
+"""HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 has hatchling put the library of kernels into the wheel that it builds,
+which is for all Pythons on a system."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ class CompiledKernels(BuildHookInterface):
         )
         for file in Path(self.folder.name).iterdir():
             build_data["force_include"][str(file)] = f"eaves/{file.name}"
-        build_data |= {"pure_python": False, "infer_tag": True}
+        system = self.build_config.builder.get_best_matching_tag().rpartition("-")[2]
+        build_data |= {"pure_python": False, "tag": f"cp311-abi3-{system}"}
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what is in the wheel by now."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
 import logging
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +16,9 @@ from eaves import kernels
 from eaves.kernels import LIST, Kernel, inlined_kernel, kernel, sort_of
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from tests.conftest import build_files
+
+QUICK = ("geometry.components", "geometry.planes.sums", "geometry.tin.whole", "raster.interpolate.away")
+"""Kernels that numba compiles in a moment: the library is compared with it on these whenever tests run."""
 
 STEP = 2.0
 
@@ -110,9 +115,32 @@ def test_what_a_process_compiles_another_waits_for_and_finds(
         return SimpleNamespace(wait=lambda: 0, kill=lambda: None)
 
     monkeypatch.setattr(kernels.subprocess, "Popen", start)
+    monkeypatch.setattr(kernels, "library", functools.cache(dict))
+    monkeypatch.setattr(kernels, "MAKER", tmp_path / "none.py")
     kernels.compile_listed()
     kernels.compile_listed()
     assert len(started) == 2
+
+
+def test_a_clone_makes_its_library_before_numba_compiles(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    made: list[Any] = []
+
+    def run(words: list[Any], **_: Any) -> SimpleNamespace:
+        made.append(words[1:])
+        return SimpleNamespace(stdout="", stderr="")
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("CC", kernels.sys.executable)
+    monkeypatch.setattr(kernels, "library", functools.cache(lambda: {"call": ()} if made else {}))
+    monkeypatch.setattr(kernels.subprocess, "run", run)
+    monkeypatch.setattr(kernels.subprocess, "Popen", None)
+    kernels.compile_listed()
+    kernels.compile_listed()
+    assert made == [[kernels.MAKER, "--quick", kernels.HOME]]
+    monkeypatch.setenv("CC", "no-compiler-of-this-name")
+    assert not kernels.make_library() and len(made) == 1
 
 
 def test_list_has_every_call_of_a_build(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -145,3 +173,108 @@ def test_the_first_use_is_said_once(
     kernels.say_first_use()
     assert [one.getMessage() for one in caplog.records] == [kernels.FIRST_USE]
     kernels.say_first_use.cache_clear()
+
+
+def copied(value: Any) -> Any:
+    """A copy of an argument, a tuple's arrays too."""
+    if isinstance(value, np.ndarray):
+        return value.copy("K")
+    if isinstance(value, tuple):
+        items = map(copied, value)
+        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+    return value
+
+
+def as_bytes(value: Any) -> Any:
+    """What tells apart results that differ in anything."""
+    if isinstance(value, tuple):
+        return tuple(map(as_bytes, value))
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.shape, value.tobytes()
+    return type(value), np.asarray(value).tobytes() if value is not None else None
+
+
+def compare_with_numba(monkeypatch: pytest.MonkeyPatch, folder: Path, wanted: Any) -> set[str]:
+    """Build a scene with all wanted calls of kernels made by the library and by numba, which must agree to
+    the byte in what they return and write; the calls made."""
+    if not kernels.library():
+        pytest.skip("no library of kernels: this machine has no C compiler")
+    find, made = Kernel.find, set()
+
+    def find_both(one: Kernel, args: tuple[Any, ...]) -> Any:
+        call, run = f"{one.name}({', '.join(map(sort_of, args))})", find(one, args)
+        if call not in kernels.library() or not wanted(call):
+            return run
+        made.add(call)
+
+        def run_both(*args: Any) -> Any:
+            copies = [copied(arg) for arg in args]
+            expected, got = one.dispatcher(*copies), run(*args)
+            assert as_bytes(got) == as_bytes(expected), call
+            assert [as_bytes(arg) for arg in args] == [as_bytes(arg) for arg in copies], call
+            return got
+
+        return run_both
+
+    monkeypatch.setattr(Kernel, "find", find_both)
+    for one in kernels.KERNELS:
+        monkeypatch.setattr(one, "ready", {})
+    files = write_simulation(nine_roofs_on_a_slope(density=6.0, noise=0.02), folder / "scene")
+    build(files["points"], folder / "out", jobs=1)
+    return made
+
+
+def test_the_library_gives_the_bytes_of_numba(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    few = compare_with_numba(monkeypatch, tmp_path, lambda call: any(n in call for n in QUICK))
+    assert len(few) >= 4
+
+
+@pytest.mark.slow
+def test_the_whole_library_gives_the_bytes_of_numba(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert len(compare_with_numba(monkeypatch, tmp_path, lambda call: True)) > 90
+
+
+@kernel
+def halves_kernel(values: np.ndarray, by: float) -> float:
+    """The sum of quotients."""
+    total = 0.0
+    for value in values:
+        total += value / by
+    return total
+
+
+@pytest.fixture
+def translate(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The module that makes C."""
+    monkeypatch.syspath_prepend(kernels.MAKER.parent)
+    return importlib.import_module("translate")
+
+
+def test_c_is_made_of_all_listed_calls(translate: Any) -> None:
+    whole = translate.Translator()
+    for call in kernels.listed_calls(*kernels.HOME.rglob(LIST.name)):
+        name, _, sorts = call[:-1].partition("(")
+        types = tuple(map(translate.type_of, kernels.words_of(sorts)))
+        assert whole.function(kernels.named(name), types).text.endswith("}"), call
+
+
+def test_division_by_zero_is_checked_in_c_and_what_is_no_c_is_refused(translate: Any) -> None:
+    whole = translate.Translator()
+    function = whole.function(halves_kernel, (translate.Arr("f8", 1), "f8"))
+    assert function.can_fail and "quotient(value, by, &bad)" in function.text
+    assert whole.function(sum_kernel, (translate.Arr("f8", 1),)).returns == "f8"
+    with pytest.raises(translate.Untranslated):
+        whole.function(kernel(in_words), ("f8",))
+
+
+def in_words(value: float) -> Any:
+    """What C is not made of."""
+    return f"{value}"
+
+
+def test_the_library_raises_what_numba_does() -> None:
+    bilinear = "eaves.model.scene.bilinear_kernel(<f4[2C], float, float, float, <f8[2C])"
+    if bilinear not in kernels.library():
+        pytest.skip("no library of kernels: this machine has no C compiler")
+    with pytest.raises(ZeroDivisionError):
+        kernels.library()[bilinear][1](np.zeros((2, 2), np.float32), 0.0, 0.0, 0.0, np.ones((1, 2)))

@@ -1,9 +1,10 @@
 """Kernels: loops that are compiled, ahead of time where the package brings them so, else when first called.
 
-The library `eaves.compiled` holds a function for each kernel and each sort of arguments, made from these
+The library `eaves.compiled` holds a function for each kernel and each sort of arguments, in C made from these
 kernels by `packaging/kernels.py`. A function is used only if its fingerprint is that of the kernel as it
-stands; any other call is compiled by numba, once a machine. Where nothing is compiled yet, all calls of
-`kernels.txt` are, by as many processes as there are cores; lists of satellites are for the library alone.
+stands; any other call is compiled by numba, once a machine. Where nothing is compiled yet, a clone makes its
+library, if there is a C compiler; else numba compiles all calls of `kernels.txt`, by as many processes as
+there are cores; lists of satellites are for the library alone.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib
+import linecache
 import logging
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,20 +24,22 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import parent_process
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 log = logging.getLogger("eaves.kernels")
 
-FIRST_USE = "first use: loops are compiled once for this machine, a minute or two"
+FIRST_USE = "first use: loops are compiled once for this machine: seconds with a C compiler, else minutes"
 CONTIGUOUS, FORTRAN, ALIGNED, WRITEABLE = 0x1, 0x2, 0x100, 0x400
 """The flags of an array (`numpy.ndarray.flags.num`) that decide which code fits it."""
 SCALARS = {float: "float", int: "int", bool: "bool", np.float64: "float", np.int64: "int", np.bool_: "bool"}
 NUMBERS = {"float": "float64", "int": "int64", "bool": "boolean", "float32": "float32"}
 """Sort of a number → numba's name of it."""
 HOME = Path(__file__).parent
+MAKER = HOME.parents[1] / "packaging" / "kernels.py"
+"""What makes the library, in a clone."""
 LIST = HOME / "kernels.txt"
 """The calls of kernels that runs of the core make, as `packaging/kernels.py --run` notes them."""
 KERNELS: list[Kernel] = []
@@ -73,11 +78,10 @@ class Kernel:
 
     def find(self, args: tuple[Any, ...]) -> Callable[..., Any]:
         """The compiled function for such arguments: the package's, if it has a fitting one, else numba's."""
-        table = library()
-        entry = table.get(f"{self.name}({', '.join(map(sort_of, args))})") if table else None
+        say_first_use()
+        entry = library().get(f"{self.name}({', '.join(map(sort_of, args))})")
         if entry is not None and entry[0] == self.fingerprint:
             return entry[1]
-        say_first_use()
         by_numba: Callable[..., Any] = self.dispatcher
         return by_numba
 
@@ -95,9 +99,9 @@ class Kernel:
 
     @functools.cached_property
     def fingerprint(self) -> str:
-        """A digest of the code with all that it names: other kernels, constants."""
+        """A digest of the source with all that it names: other kernels, constants; that of any Python."""
         digest = hashlib.sha256()
-        add_code(digest, self.py_func.__code__, self.py_func.__globals__, {self.name})
+        add_source(digest, self.py_func, {self.name})
         return digest.hexdigest()[:16]
 
     @functools.cached_property
@@ -142,9 +146,8 @@ def sort_of(value: Any) -> str:
 def say_first_use() -> None:
     """Say once, in the first of a run's processes, that loops are compiled, where none are yet, and compile
     those listed."""
-    if parent_process() is None and not library():
-        if is_first_use():
-            log.warning(FIRST_USE)
+    if parent_process() is None and is_first_use():
+        log.warning(FIRST_USE)
         compile_listed()
 
 
@@ -164,8 +167,8 @@ def cache_folder() -> Path:
 
 
 def compile_listed() -> None:
-    """Compile the core's calls, unless some are, by a process for each core; what another process does so is
-    waited for. They are found where numba keeps them; where it cannot, nothing is done."""
+    """Make the library, or else compile the core's calls by a process for each core, unless there are some;
+    what another process does so is waited for. Where neither can be kept, nothing is done."""
     from filelock import FileLock
 
     cores = os.cpu_count() or 1
@@ -173,7 +176,8 @@ def compile_listed() -> None:
         "python"
     )  # which would be started, in its place
     with suppress(OSError), FileLock(cache_folder() / ".compiling"):
-        if compiled_pieces() or cores == 1 or within_another:
+        library.cache_clear()
+        if not is_first_use() or within_another or make_library() or cores == 1:
             return
         code = "from eaves.kernels import compile_share; compile_share({}, {})"
         started = [
@@ -185,6 +189,17 @@ def compile_listed() -> None:
         finally:
             for process in started:
                 process.kill()
+
+
+def make_library() -> bool:
+    """True if a clone's library could be made, which a machine without a C compiler cannot."""
+    if not MAKER.exists() or not shutil.which(os.environ.get("CC", "cc").split()[0]):
+        return False
+    made = subprocess.run([sys.executable, MAKER, "--quick", HOME], capture_output=True, text=True)
+    log.debug("the library of kernels: %s%s", made.stdout, made.stderr)
+    importlib.invalidate_caches()
+    library.cache_clear()
+    return bool(library())
 
 
 def compile_share(share: int, shares: int) -> None:
@@ -259,24 +274,21 @@ def library() -> dict[str, tuple[str, Callable[..., Any]]]:
     return table
 
 
-def add_code(digest: Any, code: CodeType, names: dict[str, Any], visited: set[str]) -> None:
-    """Add code, the functions within it and the values of the global names it uses, each kernel once."""
-    digest.update(code.co_code)
-    digest.update(repr((code.co_names, code.co_varnames)).encode())
-    for place, constant in enumerate(code.co_consts):
-        if place == 0 and isinstance(constant, str):
-            continue  # the docstring
-        if isinstance(constant, CodeType):
-            add_code(digest, constant, names, visited)
-        else:
-            digest.update(repr(constant).encode())
-    for name in code.co_names:
+def add_source(digest: Any, function: Callable[..., Any], visited: set[str]) -> None:
+    """Add the lines of a function and the values of the global names it uses, each kernel once."""
+    code, names = function.__code__, function.__globals__
+    lines = linecache.getlines(code.co_filename)
+    last = max(line for *_, line in code.co_lines() if line)
+    while last < len(lines) and lines[last].startswith(" "):
+        last += 1
+    digest.update("".join(lines[code.co_firstlineno - 1 : last]).encode())
+    for name in sorted(code.co_names):
         value = names.get(name)
         if isinstance(value, Kernel):
             if value.name not in visited:
                 visited.add(value.name)
-                add_code(digest, value.py_func.__code__, value.py_func.__globals__, visited)
-        elif isinstance(value, np.ndarray):
+                add_source(digest, value.py_func, visited)
+        elif isinstance(value, np.ndarray | np.generic):
             digest.update(value.tobytes())
         elif value is not None and not isinstance(value, ModuleType):
             digest.update(getattr(value, "__qualname__", repr(value)).encode())

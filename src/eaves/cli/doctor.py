@@ -48,7 +48,7 @@ def describe_installation() -> Iterator[str]:
     yield f"{os.cpu_count()} cores, {physical_memory() / 1e9:.1f} GB of memory"
     for what, group in {"commands": COMMANDS, "formats": FORMATS, "published systems": SOURCES}.items():
         yield f"{what} of packages: {', '.join(installed(group)) or 'NONE; install eaves again'}"
-    yield f"compiled with the package: {len(library())} calls of kernels; the rest when it is first called"
+    yield f"kernels in C: {len(library()) or 'NO'} calls; numba compiles any other when it is first called"
     yield f"compiled code is kept in {cache_folder()}"
 
 

@@ -129,7 +129,8 @@ def compilation_shown(wanted: bool, show: Callable[[str, int, int], None]) -> It
 
     def watch() -> None:
         while not ended.wait(POLL_S) and (done := compiled_pieces()) < LOOPS:
-            show("compiling", done, LOOPS)
+            if done:  # else a clone makes its library, which is there at once
+                show("compiling", done, LOOPS)
 
     watcher = threading.Thread(target=watch, daemon=True)
     if wanted:

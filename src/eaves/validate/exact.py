@@ -164,7 +164,7 @@ def self_intersections_kernel(
         for k in range(3):
             low[t, k] = min(corners[t, 0, k], corners[t, 1, k], corners[t, 2, k])
             high[t, k] = max(corners[t, 0, k], corners[t, 1, k], corners[t, 2, k])
-    meetings = [(0, 0)]
+    pairs, hits = np.empty((16, 2), np.int64), 0
     for t in range(count):
         for u in range(t + 1, count):
             if shell[u] != shell[t] or low[u, 0] > high[t, 0]:
@@ -174,11 +174,13 @@ def self_intersections_kernel(
             if low[u, 2] > high[t, 2] or low[t, 2] > high[u, 2]:
                 continue
             if triangles_meet_kernel(corners[t], corners[u], numbers[t], numbers[u]):
-                meetings.append((min(face[t], face[u]), max(face[t], face[u])))
-    pairs = np.empty((len(meetings) - 1, 2), np.int64)
-    for k in range(1, len(meetings)):
-        pairs[k - 1, 0], pairs[k - 1, 1] = meetings[k]
-    return pairs
+                if hits == len(pairs):
+                    more = np.empty((2 * hits, 2), np.int64)
+                    more[:hits] = pairs
+                    pairs = more
+                pairs[hits, 0], pairs[hits, 1] = min(face[t], face[u]), max(face[t], face[u])
+                hits += 1
+    return pairs[:hits]
 
 
 CROSS, SAME_SIDE, OPPOSITE_SIDE = 1, 2, 4

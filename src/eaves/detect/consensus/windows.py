@@ -63,7 +63,7 @@ def planes_kernel(
     """
     rows, columns = count.shape
     upright = np.empty((columns, 10))
-    planes = np.empty((4, rows, columns))
+    planes = np.zeros((4, rows, columns))
     planes[3] = np.inf
     for row in range(rows):
         upright[:] = 0.0  # the sums of the window's cells in each column
