@@ -1,6 +1,7 @@
 from .corrected import OVERLAP_M2 as OVERLAP_M2
 from .edits import VERDICTS as VERDICTS
 from .edits import Edit as Edit
+from .edits import StatedFace as StatedFace
 from .edits import read_edits as read_edits
 from .trial import Trial as Trial
 from .trial import open_trial as open_trial

@@ -15,12 +15,12 @@ from eaves.flow.refusals import EDITS, LAYER
 from eaves.flow.region import ensure_points, open_region
 from eaves.flow.run import Progress, no_progress
 from eaves.flow.step import Region
-from eaves.model import Block, CoordinateSystem
+from eaves.model import Block, BuildingModel, CoordinateSystem
 from eaves.pipeline import hold_folder
 from eaves.run.keys import EDITED
 from eaves.run.store import WORK
 from eaves.upkeep.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
-from eaves.upkeep.edits import Edit, write_edits
+from eaves.upkeep.edits import Edit, StatedFace, write_edits
 from eaves.upkeep.kept import link_results, open_again, read_request
 from eaves.upkeep.update import compute_again
 
@@ -104,6 +104,15 @@ class Trial:
                 if name in found:
                     found[name] = building
         return found
+
+    def faces(self, name: str) -> list[StatedFace]:
+        """The faces (world metres) of a building's roof as it is now; none of one without a model."""
+        saved = self.buildings([name])[name]
+        outcome = None if saved is None else saved.result.outcome
+        if not isinstance(outcome, BuildingModel):
+            return []
+        planes = [plane for plane in outcome.planes if plane.polygon is not None]
+        return [StatedFace.of(plane, outcome.footprint.origin) for plane in planes]
 
 
 def contents_of(buildings: Sequence[SavedBuilding]) -> dict[str, bytes]:
