@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import re
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -95,6 +97,8 @@ def test_a_corner_is_dragged__undone_and_an_edge_moved(table: Table, tmp_path: P
     table.choose(name)
     table.press("c")
     whole = imread(table.browser.picture(tmp_path / "before.png"))
+    box = "document.querySelector('#table-sheet .corner').getBoundingClientRect()"
+    assert table.browser.run(f"return {box}.width > 10 && document.querySelectorAll('#sheet').length === 1")
     place = before.exterior.coords[0]
     x, y = table.at(name, (place[0], place[1]))
     table.browser.drag((x, y), (x - 40, y - 30))
@@ -234,6 +238,51 @@ def test_a_finger_drags_a_corner_at_768_px(session: Session) -> None:
         browser.drag((x, y), (x - 40, y - 30), "touch")
         table.done()
         assert session.outlines[name].symmetric_difference(before).area > 1.0, table.said
+        server.shutdown()
+        assert browser.errors() == []
+
+
+AXE = Path(__file__).parents[2] / "page" / "node_modules" / "axe-core" / "axe.min.js"
+WCAG = "{ runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa'] }"
+FAULTS = (
+    "const done = arguments[arguments.length - 1];"
+    f"axe.run(document, {WCAG}).then(found => done(found.violations.map(rule =>"
+    " [rule.id, rule.nodes.slice(0, 5).map(node => node.target.join())])), error => done([String(error)]))"
+)
+TOO_SMALL = (
+    "return [...document.querySelectorAll('#table-panel *')].filter(one => one.getClientRects().length && "
+    "[...one.childNodes].some(node => node.nodeType === 3 && node.textContent.trim()) && "
+    "parseFloat(getComputedStyle(one).fontSize) < 12).map(one => one.outerHTML)"
+)
+UNSAID = (
+    "return [...document.querySelectorAll('#table-panel button')].filter(one => "
+    "one.dataset.key && !one.querySelector('kbd')).map(one => one.textContent)"
+)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not AXE.exists(), reason="page/node_modules is missing")
+@pytest.mark.parametrize("width", [1400, 768, 390])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_page_with_the_panel_has_no_fault_of_wcag_aa__and_prints_one_sheet(
+    session: Session, width: int, theme: str
+) -> None:
+    desk = Desk(session)
+    with Browser(width, 900) as browser, open_server(partial(DeskHandler, desk=desk), 0) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        table = Table(browser, desk, server.server_address[1])
+        browser.run(f"document.documentElement.dataset.theme = '{theme}'; eaves.refresh()")
+        table.choose(next(iter(session.outlines)))
+        table.press("w")
+        table.wait("return document.querySelectorAll('#choices svg').length === 3")
+        table.press("7", "\ue00c", "c")
+        browser.run(AXE.read_text("utf-8"))
+        assert browser.run_async(FAULTS) == []
+        assert browser.run(TOO_SMALL) == browser.run(UNSAID) == []
+        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+        sheet = {"cmd": "Page.printToPDF", "params": {"preferCSSPageSize": True}}
+        pdf = base64.b64decode(browser.call("POST", "/goog/cdp/execute", sheet)["data"])
+        assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
         server.shutdown()
         assert browser.errors() == []
 

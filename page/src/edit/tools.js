@@ -44,6 +44,7 @@ export class Tools {
     this.cursor = null;
     this.corner = -1;
     this.kind = '';
+    this.free = false;
     /** @type {Place[][]} */
     this.marks = [];
     view.draw = () => this.draw();
@@ -77,10 +78,12 @@ export class Tools {
     this.draw();
   }
 
-  /** A place joined to corners and edges, the frame and points.
+  /** A place joined to corners and edges, the frame and points; to nothing while Alt is held.
    * @param {Place} place
    * @param {Place | undefined} from */
   joined(place, from) {
+    this.kind = '';
+    if (this.free) return rounded(place);
     const reach = REACH * this.view.step, others = Object.entries(this.plans).filter(([id]) => id !== this.id || !this.held).flatMap(([, rings]) => rings);
     const near = others.filter(ring => ring.some(corner => distance(corner, place) < 60));
     const targets = { corners: near.flat(), edges: near.flatMap(edgesOf), points: this.view.points(place, reach), from, axis: this.ring.length ? axisOf(this.ring) : this.draft.places.length > 1 ? axisOf(this.draft.places.slice(0, 2)) : undefined };
@@ -107,6 +110,7 @@ export class Tools {
       if (!this.name) return;
       const place = view.under(event, this.height);
       if (!place) return;
+      this.free = event.altKey;
       if (this.held) {
         moved += Math.hypot(event.movementX, event.movementY);
         this.drag(place);
@@ -133,7 +137,6 @@ export class Tools {
   /** A place that a tool takes, joined to what is near but for tools that only point.
    * @param {Place} place */
   taken(place) {
-    this.kind = '';
     return FREE.includes(this.name) ? place : this.joined(place, this.draft.places.at(-1));
   }
 

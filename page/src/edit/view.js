@@ -24,7 +24,7 @@ export class View {
     this.viewer = /** @type {any} */ (page.viewer);
     this.canvas = /** @type {HTMLCanvasElement} */ (byId('scene'));
     this.sheet = document.createElementNS(SVG, 'svg');
-    this.sheet.id = 'sheet';
+    this.sheet.id = 'table-sheet';
     this.canvas.after(this.sheet);
     /** @type {() => void} */
     this.draw = () => {};

@@ -1,4 +1,4 @@
-// made by `make page` of page/src 879120c192c84668
+// made by `make page` of page/src 9fc26aac64fac93e
 "use strict";(()=>{var distance=(one,two)=>Math.hypot(two[0]-one[0],two[1]-one[1]),middle=(one,two)=>[(one[0]+two[0])/2,(one[1]+two[1])/2],rounded=([x,y])=>[Math.round(x*1e3)/1e3,
 Math.round(y*1e3)/1e3],edgesOf=ring=>ring.map((place2,number)=>[place2,ring[(number+1)%ring.length]]);function nearestOnEdge([x,y],[[ax,ay],[bx,by]]){let[dx,dy]=[
 bx-ax,by-ay],share=Math.max(0,Math.min(1,((x-ax)*dx+(y-ay)*dy)/(dx*dx+dy*dy||1)));return[ax+share*dx,ay+share*dy]}function contains([x,y],ring){let inside=!1;for(let[[ax,ay],[bx,by]]of edgesOf(ring))ay>y!=by>y&&x<ax+(y-ay)/(by-ay)*(bx-ax)&&(inside=!inside);return inside}function axisOf(ring){
@@ -41,39 +41,39 @@ e across the building.",join:"Click on the building that is one with this.",carr
 eets next.",ridge:"Drag a ridge. Keys: , . choose one, arrows move it (shift: 1 m), Page Up and Down raise it, Enter sets it.",unite:"Two clicks: the faces that\
  are one.",dormer:"Three clicks: two ends of a side of the face, and the opposite side."},HOLDING=["corners","ridge"],FREE=["join","carry","unite"],ALONE=["rect\
 angle","polygon"],Tools=class{constructor(view2,plans2,act2,say2){Object.assign(this,{view:view2,plans:plans2,act:act2,say:say2}),this.view=view2,this.plans=plans2,
-this.act=act2,this.say=say2,this.name="",this.draft=new Draft,this.held=null,this.ridges=[],this.cursor=null,this.corner=-1,this.kind="",this.marks=[],view2.draw=
-()=>this.draw(),this.listen()}get id(){return this.view.chosen}get ring(){return this.plans[this.id]?.[0]||[]}get height(){return this.view.height(this.id)}use(name){
-let{view:view2}=this;this.name=name===this.name?"":name,this.name&&!ALONE.includes(this.name)&&!this.ring.length&&(this.name="",this.say("choose a building firs\
-t")),this.draft=new Draft,Object.assign(this,{held:null,cursor:null,corner:-1,ridges:this.name==="ridge"?ridgesOf(view2.edges(this.id),this.plans[this.id]):[]}),
-this.name&&(view2.above(),this.say(HINTS[this.name])),view2.canvas.style.cursor=this.name?"crosshair":"";for(let button of document.querySelectorAll("[data-tool\
-]"))button.setAttribute("aria-pressed",String(button.dataset.tool===this.name));this.draw()}joined(place2,from){let reach=REACH*this.view.step,near=Object.entries(
-this.plans).filter(([id])=>id!==this.id||!this.held).flatMap(([,rings])=>rings).filter(ring=>ring.some(corner=>distance(corner,place2)<60)),targets={corners:near.
-flat(),edges:near.flatMap(edgesOf),points:this.view.points(place2,reach),from,axis:this.ring.length?axisOf(this.ring):this.draft.places.length>1?axisOf(this.draft.
-places.slice(0,2)):void 0},found=snap(place2,targets,reach);return this.kind=found.kind,rounded(found.place)}listen(){let{view:view2}=this,stage=view2.canvas.parentElement,
-stop=event=>{event.stopPropagation(),event.preventDefault()},moved=0;stage.addEventListener("pointerdown",event=>{if(!this.name||event.button||event.shiftKey||event.
-target!==view2.canvas)return;let place2=view2.under(event,this.height);place2&&(moved=0,!(HOLDING.includes(this.name)&&!this.grip(place2))&&(view2.canvas.focus(
-{preventScroll:!0}),view2.canvas.setPointerCapture(event.pointerId),stop(event)))},!0),stage.addEventListener("pointermove",event=>{if(!this.name)return;let place2=view2.
-under(event,this.height);place2&&(this.held?(moved+=Math.hypot(event.movementX,event.movementY),this.drag(place2),stop(event)):HOLDING.includes(this.name)||(this.
-cursor=this.taken(place2),this.draw()))},!0),stage.addEventListener("pointerup",event=>{if(!this.name||event.button||event.target!==view2.canvas)return;let place2=view2.
-under(event,this.height);place2&&(this.held?(stop(event),this.drop(place2,moved)):HOLDING.includes(this.name)||(stop(event),this.take(this.taken(place2))))},!0)}taken(place2){
-return this.kind="",FREE.includes(this.name)?place2:this.joined(place2,this.draft.places.at(-1))}grip(place2){let{ring}=this,reach=REACH*this.view.step;if(this.
-name==="ridge")return this.corner=this.ridges.findIndex(edge=>distance(nearestOnEdge(place2,edge),place2)<reach),this.corner>=0&&(this.held={moves:[],number:this.
-corner,edge:!0,to:place2,rise:0}),this.corner>=0;let corner=ring.findIndex(one=>distance(one,place2)<reach),number=corner>=0?corner:edgesOf(ring).findIndex(edge=>distance(
-nearestOnEdge(place2,edge),place2)<reach);return number<0?!1:(this.held={moves:[],number,edge:corner<0},this.corner=corner,!0)}drag(place2){let{held,ring}=this;
-if(!held)return;if(held.to)return held.to=this.joined(place2,void 0),this.draw();let before=ring[(held.number+ring.length-1)%ring.length],to=this.joined(place2,
-held.edge?void 0:before);held.moves=held.edge?edgeMoved(ring,held.number,to):[[ring[held.number],to]],this.draw()}drop(place2,moved){let{held,ring}=this;if(this.
-held=null,held?.to)return moved>4?this.moveRidge(held):this.draw();if(held&&moved>4&&held.moves.length)return this.act({do:"move",id:this.id,moves:held.moves});
-if(held?.edge)return this.insert(held.number,rounded(nearestOnEdge(place2,edgesOf(ring)[held.number])));this.draw()}moveRidge({number,to,rise}){return this.end(
-{do:"ridge",id:this.id,line:this.ridges[number],to,rise:rise??0})}carried(place2){let{ring,id}=this,away=edgesOf(ring).map(edge=>distance(nearestOnEdge(place2,edge),
-place2)),number=away.indexOf(Math.min(...away));if(!(away[number]<2*REACH*this.view.step))return null;let[one,two]=edgesOf(ring)[number],others=Object.entries(this.
-plans).filter(([other])=>other!==id).flatMap(([,rings])=>rings.flatMap(edgesOf)).filter(edge=>distance(edge[0],place2)<100);return carriedOn(ring,number,distance(
-place2,two)<distance(place2,one),others)}insert(number,place2){return this.corner=number+1,this.act({do:"outline",id:this.id,plan:[...this.ring.slice(0,number+1),
-place2,...this.ring.slice(number+1)]})}take(place2){let{draft,name,id}=this;if(name==="join"){let other=Object.keys(this.plans).find(one=>one!==id&&contains(place2,
-this.plans[one][0]));return other?this.end({do:"join",ids:[id,other]}):this.say("no other building is there")}if(name==="carry"){let plan=this.carried(place2);return plan?
-this.end({do:"outline",id,plan}):this.say("the line of the edge meets nothing there")}if(name==="polygon"&&draft.places.length>2&&distance(place2,draft.places[0])<
-REACH*this.view.step)return this.close();if(draft.add(place2),name==="unite"&&draft.places.length===2)return this.end({do:"unite",id,at:draft.places});if((name===
-"rectangle"||name==="dormer")&&draft.places.length===3){let plan=rectangle(draft.places[0],draft.places[1],draft.places[2]).map(rounded);return this.end(name===
-"dormer"?{do:"face",id,plan}:{do:"draw",plan})}if(name==="split"&&draft.places.length===2)return this.end({do:"split",id,line:draft.places});this.draw()}close(){
+this.act=act2,this.say=say2,this.name="",this.draft=new Draft,this.held=null,this.ridges=[],this.cursor=null,this.corner=-1,this.kind="",this.free=!1,this.marks=
+[],view2.draw=()=>this.draw(),this.listen()}get id(){return this.view.chosen}get ring(){return this.plans[this.id]?.[0]||[]}get height(){return this.view.height(
+this.id)}use(name){let{view:view2}=this;this.name=name===this.name?"":name,this.name&&!ALONE.includes(this.name)&&!this.ring.length&&(this.name="",this.say("cho\
+ose a building first")),this.draft=new Draft,Object.assign(this,{held:null,cursor:null,corner:-1,ridges:this.name==="ridge"?ridgesOf(view2.edges(this.id),this.plans[this.
+id]):[]}),this.name&&(view2.above(),this.say(HINTS[this.name])),view2.canvas.style.cursor=this.name?"crosshair":"";for(let button of document.querySelectorAll("\
+[data-tool]"))button.setAttribute("aria-pressed",String(button.dataset.tool===this.name));this.draw()}joined(place2,from){if(this.kind="",this.free)return rounded(
+place2);let reach=REACH*this.view.step,near=Object.entries(this.plans).filter(([id])=>id!==this.id||!this.held).flatMap(([,rings])=>rings).filter(ring=>ring.some(
+corner=>distance(corner,place2)<60)),targets={corners:near.flat(),edges:near.flatMap(edgesOf),points:this.view.points(place2,reach),from,axis:this.ring.length?axisOf(
+this.ring):this.draft.places.length>1?axisOf(this.draft.places.slice(0,2)):void 0},found=snap(place2,targets,reach);return this.kind=found.kind,rounded(found.place)}listen(){
+let{view:view2}=this,stage=view2.canvas.parentElement,stop=event=>{event.stopPropagation(),event.preventDefault()},moved=0;stage.addEventListener("pointerdown",
+event=>{if(!this.name||event.button||event.shiftKey||event.target!==view2.canvas)return;let place2=view2.under(event,this.height);place2&&(moved=0,!(HOLDING.includes(
+this.name)&&!this.grip(place2))&&(view2.canvas.focus({preventScroll:!0}),view2.canvas.setPointerCapture(event.pointerId),stop(event)))},!0),stage.addEventListener(
+"pointermove",event=>{if(!this.name)return;let place2=view2.under(event,this.height);place2&&(this.free=event.altKey,this.held?(moved+=Math.hypot(event.movementX,
+event.movementY),this.drag(place2),stop(event)):HOLDING.includes(this.name)||(this.cursor=this.taken(place2),this.draw()))},!0),stage.addEventListener("pointeru\
+p",event=>{if(!this.name||event.button||event.target!==view2.canvas)return;let place2=view2.under(event,this.height);place2&&(this.held?(stop(event),this.drop(place2,
+moved)):HOLDING.includes(this.name)||(stop(event),this.take(this.taken(place2))))},!0)}taken(place2){return FREE.includes(this.name)?place2:this.joined(place2,this.
+draft.places.at(-1))}grip(place2){let{ring}=this,reach=REACH*this.view.step;if(this.name==="ridge")return this.corner=this.ridges.findIndex(edge=>distance(nearestOnEdge(
+place2,edge),place2)<reach),this.corner>=0&&(this.held={moves:[],number:this.corner,edge:!0,to:place2,rise:0}),this.corner>=0;let corner=ring.findIndex(one=>distance(
+one,place2)<reach),number=corner>=0?corner:edgesOf(ring).findIndex(edge=>distance(nearestOnEdge(place2,edge),place2)<reach);return number<0?!1:(this.held={moves:[],
+number,edge:corner<0},this.corner=corner,!0)}drag(place2){let{held,ring}=this;if(!held)return;if(held.to)return held.to=this.joined(place2,void 0),this.draw();let before=ring[(held.
+number+ring.length-1)%ring.length],to=this.joined(place2,held.edge?void 0:before);held.moves=held.edge?edgeMoved(ring,held.number,to):[[ring[held.number],to]],this.
+draw()}drop(place2,moved){let{held,ring}=this;if(this.held=null,held?.to)return moved>4?this.moveRidge(held):this.draw();if(held&&moved>4&&held.moves.length)return this.
+act({do:"move",id:this.id,moves:held.moves});if(held?.edge)return this.insert(held.number,rounded(nearestOnEdge(place2,edgesOf(ring)[held.number])));this.draw()}moveRidge({
+number,to,rise}){return this.end({do:"ridge",id:this.id,line:this.ridges[number],to,rise:rise??0})}carried(place2){let{ring,id}=this,away=edgesOf(ring).map(edge=>distance(
+nearestOnEdge(place2,edge),place2)),number=away.indexOf(Math.min(...away));if(!(away[number]<2*REACH*this.view.step))return null;let[one,two]=edgesOf(ring)[number],
+others=Object.entries(this.plans).filter(([other])=>other!==id).flatMap(([,rings])=>rings.flatMap(edgesOf)).filter(edge=>distance(edge[0],place2)<100);return carriedOn(
+ring,number,distance(place2,two)<distance(place2,one),others)}insert(number,place2){return this.corner=number+1,this.act({do:"outline",id:this.id,plan:[...this.
+ring.slice(0,number+1),place2,...this.ring.slice(number+1)]})}take(place2){let{draft,name,id}=this;if(name==="join"){let other=Object.keys(this.plans).find(one=>one!==
+id&&contains(place2,this.plans[one][0]));return other?this.end({do:"join",ids:[id,other]}):this.say("no other building is there")}if(name==="carry"){let plan=this.
+carried(place2);return plan?this.end({do:"outline",id,plan}):this.say("the line of the edge meets nothing there")}if(name==="polygon"&&draft.places.length>2&&distance(
+place2,draft.places[0])<REACH*this.view.step)return this.close();if(draft.add(place2),name==="unite"&&draft.places.length===2)return this.end({do:"unite",id,at:draft.
+places});if((name==="rectangle"||name==="dormer")&&draft.places.length===3){let plan=rectangle(draft.places[0],draft.places[1],draft.places[2]).map(rounded);return this.
+end(name==="dormer"?{do:"face",id,plan}:{do:"draw",plan})}if(name==="split"&&draft.places.length===2)return this.end({do:"split",id,line:draft.places});this.draw()}close(){
 let{places}=this.draft,last=closingCorner(places);return places.length<3?this.say("a polygon has three corners at least"):this.end({do:"draw",plan:last?[...places,
 rounded(last)]:places})}end(action){return this.use(""),this.act(action)}key(event){let arrow={ArrowLeft:[-1,0],ArrowRight:[1,0],ArrowUp:[0,1],ArrowDown:[0,-1]}[event.
 key],{ring,draft,view:view2}=this;if(!this.name)return!1;let far=event.shiftKey?10*KEY_STEP:KEY_STEP;if(event.key==="Escape")this.use("");else if(event.ctrlKey||
@@ -99,18 +99,18 @@ ring,places[0],places[1])||[])shapes.push({line,closed:!0,z,kind:"draft"});else 
 at=>shapes.push({at,z,kind:"corner"})),cursor&&shapes.push({at:cursor,z,kind:"cursor"}),(cursor||held)&&this.kind&&shapes.push({at:cursor||held?.to||held?.moves[0]?.[1],
 z,kind:"joined",text:this.kind}),view2.show(shapes.filter(shape=>shape.line||shape.at))}};var SVG="http://www.w3.org/2000/svg",byId=name=>document.getElementById(name),viewOf=()=>new Promise(done=>{let{window}=globalThis;(window.eavesExtensions??=[]).
 push(tools2=>done(new View(tools2)))}),View=class{constructor(page){this.page=page,this.viewer=page.viewer,this.canvas=byId("scene"),this.sheet=document.createElementNS(
-SVG,"svg"),this.sheet.id="sheet",this.canvas.after(this.sheet),this.draw=()=>{};let last="",watch=()=>{let{canvas,viewer:{camera}}=this,now=[camera.azimuth,camera.
-elevation,camera.distance,camera.flat,...camera.target,canvas.clientWidth,canvas.clientHeight].join();now!==last&&this.draw(),last=now,requestAnimationFrame(watch)};
-watch()}get chosen(){return this.page.rows[this.page.chosen]?.id??""}number(id){return this.page.rows.findIndex(row=>row.id===id)}row(id){return this.page.rows[this.
-number(id)]}choose(id){this.page.choose(this.number(id))}above(){(!this.viewer.camera.flat||this.viewer.camera.elevation<1.5)&&this.viewer.view("above"),this.viewer.
-ask()}height(id){let row=this.row(id),spot=this.viewer.spots[this.number(id)];return Number.isFinite(row?.h_eaves)?row.h_eaves-this.viewer.scene.points.base:spot&&
-Number.isFinite(spot.high[2])?spot.high[2]:this.viewer.camera.target[2]}get step(){return this.viewer.camera.step(this.canvas.clientHeight)}seen(place2,z){let{x,
-y,ahead}=this.page.seen([...place2,z]);return ahead?[x,y]:null}under(event,z){let box=this.canvas.getBoundingClientRect(),[x,y]=this.page.at(event.clientX-box.left,
-event.clientY-box.top).level(z);return Number.isFinite(x+y)?[x,y]:null}points([x,y],reach){let{xyz,count}=this.viewer.scene.points,near=[];for(let at=0;at<3*count;at+=
-3)Math.abs(xyz[at]-x)<reach&&Math.abs(xyz[at+1]-y)<reach&&near.push([xyz[at],xyz[at+1]]);return near}edges(id){let{xyz,building,lod,count}=this.viewer.scene.edges,
-number=this.number(id)+1,own=[];for(let edge=0;edge<count;edge++)building[edge]===number&&own.push(edge);let finest=Math.max(...own.map(edge=>lod[edge]));return own.
-filter(edge=>lod[edge]===finest).map(edge=>[0,3].map(end=>[0,1,2].map(axis=>xyz[6*edge+end+axis])))}show(shapes){this.sheet.replaceChildren(...shapes.flatMap(({
-line,closed,at,text,z,kind,data})=>{let spots=(line||[at]).map(place2=>this.seen(place2,z));if(spots.some(spot=>!spot))return[];let one=document.createElementNS(
+SVG,"svg"),this.sheet.id="table-sheet",this.canvas.after(this.sheet),this.draw=()=>{};let last="",watch=()=>{let{canvas,viewer:{camera}}=this,now=[camera.azimuth,
+camera.elevation,camera.distance,camera.flat,...camera.target,canvas.clientWidth,canvas.clientHeight].join();now!==last&&this.draw(),last=now,requestAnimationFrame(
+watch)};watch()}get chosen(){return this.page.rows[this.page.chosen]?.id??""}number(id){return this.page.rows.findIndex(row=>row.id===id)}row(id){return this.page.
+rows[this.number(id)]}choose(id){this.page.choose(this.number(id))}above(){(!this.viewer.camera.flat||this.viewer.camera.elevation<1.5)&&this.viewer.view("above"),
+this.viewer.ask()}height(id){let row=this.row(id),spot=this.viewer.spots[this.number(id)];return Number.isFinite(row?.h_eaves)?row.h_eaves-this.viewer.scene.points.
+base:spot&&Number.isFinite(spot.high[2])?spot.high[2]:this.viewer.camera.target[2]}get step(){return this.viewer.camera.step(this.canvas.clientHeight)}seen(place2,z){
+let{x,y,ahead}=this.page.seen([...place2,z]);return ahead?[x,y]:null}under(event,z){let box=this.canvas.getBoundingClientRect(),[x,y]=this.page.at(event.clientX-
+box.left,event.clientY-box.top).level(z);return Number.isFinite(x+y)?[x,y]:null}points([x,y],reach){let{xyz,count}=this.viewer.scene.points,near=[];for(let at=0;at<
+3*count;at+=3)Math.abs(xyz[at]-x)<reach&&Math.abs(xyz[at+1]-y)<reach&&near.push([xyz[at],xyz[at+1]]);return near}edges(id){let{xyz,building,lod,count}=this.viewer.
+scene.edges,number=this.number(id)+1,own=[];for(let edge=0;edge<count;edge++)building[edge]===number&&own.push(edge);let finest=Math.max(...own.map(edge=>lod[edge]));
+return own.filter(edge=>lod[edge]===finest).map(edge=>[0,3].map(end=>[0,1,2].map(axis=>xyz[6*edge+end+axis])))}show(shapes){this.sheet.replaceChildren(...shapes.
+flatMap(({line,closed,at,text,z,kind,data})=>{let spots=(line||[at]).map(place2=>this.seen(place2,z));if(spots.some(spot=>!spot))return[];let one=document.createElementNS(
 SVG,line?closed?"polygon":"polyline":text?"text":"circle"),[[x,y]]=spots,facts=line?{points:spots.map(spot=>spot.map(value=>value.toFixed(1)).join()).join(" ")}:
 text?{x:x+10,y:y-10}:{cx:x,cy:y,r:7};for(let[name,value]of Object.entries({...facts,class:kind}))one.setAttribute(name,String(value));return Object.assign(one.dataset,
 data),text&&(one.textContent=text),[one]}))}async replace({changed,gone}){for(let id of gone)this.number(id)>=0&&await this.page.replace(this.number(id),null);for(let{

@@ -1,4 +1,4 @@
-// made by `make page` of page/src 879120c192c84668
+// made by `make page` of page/src 9fc26aac64fac93e
 "use strict";(()=>{var byId=name=>document.getElementById(name),field=name=>byId(name),source=globalThis.document?.getElementById("data"),page=source?JSON.parse(source.textContent??
 ""):{},element=(tag,attributes={},...children)=>{let made2=document.createElement(tag);for(let[name,value]of Object.entries(attributes))made2.setAttribute(name,
 String(value));return made2.append(...children),made2};function figure(value,name=""){return value==null?"":typeof value!="number"||Number.isInteger(value)?String(
