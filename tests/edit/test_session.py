@@ -357,6 +357,7 @@ def test_a_run_that_kept_nothing_is_edited__and_keeps_nothing(tmp_path: Path) ->
     files = write_simulation(nine_roofs_on_a_slope(density=4.0, seed=1), tmp_path / "nine")
     build(files["points"], tmp_path / "out", jobs=1, outputs=("footprints", "models"))
     with closing(Session(tmp_path / "out")) as session:
+        assert session.trial.reached == set(), "nothing is read before it is edited"
         name = next(iter(session.outlines))
         session.act({"do": "state", "id": name, "verdict": "flat roof"})
         assert values(session, name)["roof_type"] == "flat"
