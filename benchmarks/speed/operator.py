@@ -319,7 +319,7 @@ def main() -> None:
             alike += done_alike(folder, corrected, edits, chosen, place / "qgis")
     note = "\n\n".join(
         [
-            "Those of them that changed, at most twenty a run, at the table and by QGIS's tools and `eaves update`:",
+            "Those that changed, at most twenty a run, at the table, and by QGIS's tools and `eaves update`:",
             as_markdown(alike),
             "The steps in QGIS that were counted:",
             as_markdown(steps()),
