@@ -220,7 +220,7 @@ def compare_with_numba(monkeypatch: pytest.MonkeyPatch, folder: Path, wanted: An
     for one in kernels.KERNELS:
         monkeypatch.setattr(one, "ready", {})
     files = write_simulation(nine_roofs_on_a_slope(density=6.0, noise=0.02), folder / "scene")
-    build(files["points"], folder / "out", jobs=1)
+    build_files(files["points"], folder / "out", jobs=1)
     return made
 
 

@@ -102,6 +102,16 @@ export class Painter {
     return layer;
   }
 
+  // Other vertices in a layer's place; they are to be coloured and shown.
+  /** @param {Layer} layer @param {Float32Array} position @param {Uint32Array} building */
+  refill({ buffers }, position, building) {
+    const gl = this.gl;
+    for (const [buffer, data] of /** @type {const} */ ([[buffers[0], position], [buffers[2], building]])) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
+    }
+  }
+
   clear() {
     for (const { vao, buffers, drawn } of this.layers) {
       this.gl.deleteVertexArray(vao);

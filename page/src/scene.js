@@ -69,10 +69,24 @@ export function joinThings(parts) {
 // Things but those of a building.
 /** @template {Things} T @param {T} things @param {number} building @returns {T} */
 export function without(things, building) {
-  const kept = Uint32Array.from(things.building.keys()).filter(number => things.building[number] !== building);
+  const runs = /** @type {[number, number][]} */ ([]); // of what stays
+  let count = 0;
+  for (let number = 0, begun = 0; number <= things.count; number++) {
+    if (number < things.count && things.building[number] !== building) continue;
+    if (number > begun) runs.push([begun, number]);
+    count += number - begun;
+    begun = number + 1;
+  }
   return /** @type {T} */ (Object.fromEntries(Object.entries(things).map(([name, values]) => {
-    if (name === 'count') return [name, kept.length];
-    return [name, ArrayBuffer.isView(values) ? reordered(/** @type {Numbers} */ (values), kept, /** @type {Numbers} */ (values).length / Math.max(1, things.count)) : values];
+    if (name === 'count') return [name, count];
+    if (!ArrayBuffer.isView(values)) return [name, values];
+    const all = /** @type {any} */ (values), width = all.length / Math.max(1, things.count), out = new all.constructor(width * count);
+    let place = 0;
+    for (const [from, to] of runs) {
+      out.set(all.subarray(width * from, width * to), place);
+      place += width * (to - from);
+    }
+    return [name, out];
   })));
 }
 
@@ -153,7 +167,7 @@ export function boxOf(scene) {
 export const modelOf = ({ building, epochs }, number) => 3 * building[number] + epochs[number];
 
 // The lowest and the highest place of every building, of its outline and models.
-/** @param {Scene} scene @returns {Box[]} */
+/** @param {Pick<Scene, "prints" | "triangles" | "rows">} scene @returns {Box[]} */
 export function spotsOf({ prints, triangles, rows }) {
   const spots = rows.map(() => ({ low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] }));
   const grow = (/** @type {Float32Array} */ xyz, /** @type {Uint32Array} */ building, /** @type {number} */ width) => {

@@ -6,7 +6,7 @@ import { unpackAll } from './arrays.js';
 import { pickPlace } from './measure.js';
 import { byId, element } from './page.js';
 import { pickBuilding, sightOf } from './pick.js';
-import { joinThings, readShapes, spotsOf, without } from './scene.js';
+import { readShapes } from './scene.js';
 
 /** @import { Drawing, Extension, Packed, Place, Row, Spot, Tool } from './types.js' */
 /** @import { Viewer } from './viewer.js' */
@@ -169,16 +169,11 @@ export class Tools {
     }
     if (number >= scene.rows.length) throw new Error('this building is not drawn');
     if (row) scene.rows[number] = viewer.all[number] = row;
-    const change = { ...scene };
-    for (const name of /** @type {const} */ (['triangles', 'edges', 'prints'])) {
-      fresh?.[name].building.fill(number + 1);
-      /** @type {any} */ (change)[name] = joinThings([without(scene[name], number + 1), ...(fresh ? [fresh[name]] : [])]);
-    }
-    viewer.spots = spotsOf(change);
-    viewer.load(change);
+    viewer.exchange(number, fresh);
     if (!packed) table?.remove(number);
-    if (viewer.look.chosen === number + 1) viewer.choose(packed ? number : -1, false);
-    else viewer.refresh();
+    else if (table && !table.order.includes(number)) table.order.push(number); // it was taken away before
+    if (viewer.look.chosen === number + 1 && packed) viewer.tell(number, false);
+    else if (viewer.look.chosen === number + 1) viewer.choose(-1, false);
     table?.update();
     return number;
   }

@@ -13,8 +13,9 @@ export type Numbers = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32A
 export interface Packed { type: 'uint8' | 'int16' | 'uint16' | 'int32' | 'uint32'; data: string }
 export type Arrays = Record<string, any>;
 
-/** Things with a building and an epoch each; `xyz` has 3 numbers a point, 6 a line, 9 a triangle. */
-export interface Things { xyz: Float32Array; building: Uint32Array; epochs: Uint8Array; count: number }
+/** Things with a building and an epoch each; `xyz` has 3 numbers a point, 6 a line, 9 a triangle. Once they were drawn, `dressed` has the colours of their
+ * vertices and `seen` is 0 for those that are not drawn. */
+export interface Things { xyz: Float32Array; building: Uint32Array; epochs: Uint8Array; count: number; dressed?: Uint8Array; seen?: Uint8Array }
 export interface Points extends Things { classification: Uint8Array; plane: Uint8Array; distance: Int16Array; over: Uint8Array; base: number }
 export interface Edges extends Things { lod: Uint8Array }
 export interface Triangles extends Edges { kind: Uint8Array; error: Uint16Array; slope: Float32Array; azimuth: Float32Array }

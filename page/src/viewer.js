@@ -11,12 +11,12 @@ import { Network } from './network.js';
 import { Pace, QUALITIES } from './pace.js';
 import { byId, field, frameOf, page } from './page.js';
 import { Profile } from './profile.js';
-import { boxOf, modelOf, repeated, spotsOf } from './scene.js';
+import { boxOf, joinThings, modelOf, repeated, spotsOf, without } from './scene.js';
 import { wallShade } from './shade.js';
 import { Tools } from './tools.js';
 import { Verdicts } from './verdicts.js';
 
-/** @import { Colour, Edges, Layer, Look, Place, Row, Scene } from './types.js' */
+/** @import { Colour, Edges, Layer, Look, Place, Row, Scene, Shapes, Things } from './types.js' */
 /** @import { City } from './city.js' */
 /** @import { Table } from './table.js' */
 
@@ -24,15 +24,19 @@ import { Verdicts } from './verdicts.js';
 export const OTHER_OPACITY = 0.45;
 
 // The finest level of detail of every building in every epoch.
-/** @param {Scene} scene */
-function finestOf({ triangles, rows }) {
+/** @param {Pick<Scene, "triangles" | "rows">} scene @param {Uint8Array} [known] of the others */
+function finestOf({ triangles, rows }, known) {
   const finest = new Uint8Array(3 * (rows.length + 1));
+  if (known) finest.set(known);
   for (let number = 0; number < triangles.count; number++) {
     const model = modelOf(triangles, number);
     finest[model] = Math.max(finest[model], triangles.lod[number]);
   }
   return finest;
 }
+
+// A colour of the page's style.
+const shade = (/** @type {string} */ name) => bytes(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
 
 export class Viewer {
   /** @param {Scene} scene @param {Row[]} all */
@@ -54,6 +58,7 @@ export class Viewer {
     this.scene = scene;
     this.layers = this.layersOf(scene);
     this.finest = finestOf(scene);
+    this.scale = '';
     this.ruler = new Ruler(this);
     this.profile = new Profile(this);
     this.verdicts = new Verdicts();
@@ -71,6 +76,26 @@ export class Viewer {
     this.scene = scene;
     this.layers = this.layersOf(scene);
     this.finest = finestOf(scene);
+  }
+
+  // Draws a building in place of the one of a number, or none; all others stay as they are drawn.
+  /** @param {number} number @param {Shapes | null} fresh */
+  exchange(number, fresh) {
+    const { scene, layers, painter } = this, first = { triangles: 0, edges: 0, prints: 0 };
+    for (const [name, layer, width] of /** @type {const} */ ([['triangles', layers.models, 3], ['edges', layers.edges, 2], ['prints', layers.prints, 2]])) {
+      const others = without(scene[name], number + 1), own = fresh?.[name];
+      own?.building.fill(number + 1);
+      /** @type {any} */ (scene)[name] = own ? joinThings([others, { ...own, dressed: new Uint8Array(4 * width * own.count), seen: new Uint8Array(own.count) }]) : others;
+      first[name] = others.count;
+      painter.refill(layer, scene[name].xyz, repeated(scene[name].building, width));
+    }
+    const { rows } = scene, none = { xyz: new Float32Array(0), building: new Uint32Array(0), count: 0 };
+    const alone = /** @type {any} */ ({ rows, prints: fresh?.prints ?? none, triangles: fresh?.triangles ?? none });
+    this.spots[number] = spotsOf(alone)[number];
+    this.finest.fill(0, 3 * (number + 1), 3 * (number + 2));
+    this.finest = finestOf(alone, this.finest);
+    this.dressShapes(first);
+    this.ask();
   }
 
   /** @param {Scene} scene */
@@ -101,58 +126,73 @@ export class Viewer {
 
   // Colours and visibility from the controls; what has no colour is not drawn.
   refresh() {
-    const { scene, painter, layers } = this, { points, triangles, edges, prints, grounds } = scene;
-    const style = getComputedStyle(document.documentElement), shade = (/** @type {string} */ name) => bytes(style.getPropertyValue(name).trim());
+    const { scene, painter, layers } = this, { points, grounds } = scene;
     this.look.background = shade('--sky').map(value => value / 255);
     this.look.mark = shade('--mark').map(value => value / 255);
     this.look.only = this.checked('only');
     const size = Number(field('size').value);
     this.look.pointSize = 0.35 * size;
 
-    // Colours the `count` things of a layer, `width` vertices each, and draws those that get a colour.
-    const dress = (/** @type {Layer} */ layer, /** @type {{ epochs: Uint8Array, count: number }} */ { epochs, count }, /** @type {number} */ width, /** @type {(number: number) => Colour | null} */ colour, /** @type {((vertex: number, number: number) => number) | null} */ bright = null) => {
-      const colours = new Uint8Array(4 * count * width), list = new Uint32Array(count * width);
-      let end = 0;
-      for (let number = 0; number < count; number++) {
-        const answer = colour(number);
-        if (!answer) continue;
-        for (let vertex = number * width; vertex < (number + 1) * width; vertex++) {
-          const light = bright ? bright(vertex, number) : 1;
-          for (let band = 0; band < 3; band++) colours[4 * vertex + band] = light * answer[band];
-          colours[4 * vertex + 3] = epochs[number];
-          list[end++] = vertex;
-        }
-      }
-      painter.recolour(layer, colours);
-      painter.show(layer, list.slice(0, end));
-    };
-    const earth = shade('--earth'), line = shade('--line'), outline = shade('--outline');
+    const earth = shade('--earth');
     layers.grounds.forEach((layer, place) => {
       const { position, light, details, epoch } = grounds[place], count = position.length / 3;
       layer.pictured = !!painter.lay && this.checked('basemap');
-      dress(layer, { epochs: new Uint8Array(count).fill(epoch), count }, 1, () => layer.pictured ? [255, 255, 255] : earth, vertex => this.look.only ? 1 : light[vertex]); // no shade of hidden buildings
+      this.dress(layer, { epochs: new Uint8Array(count).fill(epoch), count }, 1, () => layer.pictured ? [255, 255, 255] : earth, vertex => this.look.only ? 1 : light[vertex]); // no shade of hidden buildings
       painter.show(layer, ...(this.checked('ground') ? details : [new Uint32Array(0)]));
     });
 
     const pointWay = pointColours(field('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
     const foreign = (/** @type {number} */ number) => !points.building[number] && points.classification[number] !== 2;
-    dress(layers.points, points, 1, number => !foreign(number) && (points.building[number] ? on || points.building[number] === this.look.chosen : under) ? pointWay.at(number) : null);
-    dress(layers.other, points, 1, number => foreign(number) && other && !this.look.only && !points.over[number] ? pointWay.at(number) : null);
+    const { epochs, count } = points;
+    this.dress(layers.points, { epochs, count }, 1, number => !foreign(number) && (points.building[number] ? on || points.building[number] === this.look.chosen : under) ? pointWay.at(number) : null);
+    this.dress(layers.other, { epochs, count }, 1, number => foreign(number) && other && !this.look.only && !points.over[number] ? pointWay.at(number) : null);
 
+    this.dressShapes();
+    legend(byId('point-legend'), layers.points.shown.length + layers.other.shown.length ? pointWay.legend : { text: 'no points are shown' });
+    this.ask();
+  }
+
+  // Colours models, edges and outlines, from the first of each that has no colour yet; all of them where the colours of the others are no longer theirs.
+  dressShapes(first = { triangles: 0, edges: 0, prints: 0 }) {
+    const { scene, painter, layers } = this, { triangles, edges, prints } = scene, line = shade('--line'), outline = shade('--outline');
     const wantedLod = page.lods.indexOf(field('lod').value), shown = (/** @type {Edges} */ things, /** @type {number} */ number) => things.lod[number] === BOX || things.lod[number] === (wantedLod < 0 ? this.finest[modelOf(things, number)] : wantedLod);
-    const modelWay = modelColours(field('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
+    const modelWay = modelColours(field('model-colour').value, scene), scale = JSON.stringify(modelWay.legend);
+    if (scale !== this.scale) Object.assign(first, { triangles: 0 });
+    this.scale = scale;
+    const [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
     const red = bytes(LOD_COLOURS.none);
-    dress(layers.models, triangles, 3, number => {
+    this.dress(layers.models, triangles, 3, number => {
       const row = triangles.building[number], kind = triangles.kind[number];
       if (!shown(triangles, number) || !(kind === 2 ? roofs : walls)) return null;
       return triangles.lod[number] === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
-    }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1);
+    }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1, first.triangles);
     if (this.city) painter.show(layers.models, layers.models.shown, layers.models.shown, layers.models.shown.filter(vertex => triangles.lod[Math.floor(vertex / 3)] !== BOX || triangles.kind[Math.floor(vertex / 3)] === 2));
-    dress(layers.edges, edges, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges, number) ? line : null));
-    dress(layers.prints, prints, 2, () => this.checked('prints') ? outline : null);
-    legend(byId('point-legend'), layers.points.shown.length + layers.other.shown.length ? pointWay.legend : { text: 'no points are shown' });
+    this.dress(layers.edges, edges, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges, number) ? line : null), null, first.edges);
+    this.dress(layers.prints, prints, 2, () => this.checked('prints') ? outline : null, null, first.prints);
     legend(byId('model-legend'), modelWay.legend);
-    this.ask();
+  }
+
+  // Colours the `count` things of a layer from a `first` on, `width` vertices each, and draws all those that have a colour.
+  /** @param {Layer} layer @param {Pick<Things, "epochs" | "count" | "dressed" | "seen">} things @param {number} width @param {(number: number) => Colour | null} colour @param {((vertex: number, number: number) => number) | null} [bright] */
+  dress(layer, things, width, colour, bright = null, first = 0) {
+    const { epochs, count } = things;
+    if (!first) Object.assign(things, { dressed: new Uint8Array(4 * count * width), seen: new Uint8Array(count) });
+    const dressed = /** @type {Uint8Array} */ (things.dressed), seen = /** @type {Uint8Array} */ (things.seen), list = new Uint32Array(count * width);
+    let end = 0;
+    for (let number = 0; number < count; number++) {
+      const answer = number >= first ? colour(number) : null;
+      if (answer) {
+        seen[number] = 1;
+        for (let vertex = number * width; vertex < (number + 1) * width; vertex++) {
+          const light = bright ? bright(vertex, number) : 1;
+          for (let band = 0; band < 3; band++) dressed[4 * vertex + band] = light * answer[band];
+          dressed[4 * vertex + 3] = epochs[number];
+        }
+      }
+      if (seen[number]) for (let vertex = number * width; vertex < (number + 1) * width; vertex++) list[end++] = vertex;
+    }
+    this.painter.recolour(layer, dressed);
+    this.painter.show(layer, list.slice(0, end));
   }
 
   ask() { this.pace.ask(); }
@@ -208,6 +248,13 @@ export class Viewer {
   // The building of a number among all; those that are not drawn come after those that are.
   /** @param {number} number @param {boolean} [fly] */
   choose(number, fly = true) {
+    this.tell(number, fly);
+    this.refresh(); // the points of the chosen building are shown
+  }
+
+  // Says in all places what is chosen.
+  /** @param {number} number @param {boolean} fly */
+  tell(number, fly) {
     const row = this.all[number], spot = this.spots[number];
     this.look.chosen = spot ? number + 1 : 0;
     byId('building').hidden = !row;
@@ -227,7 +274,6 @@ export class Viewer {
     }
     this.table?.mark(row ? number : -1);
     for (const done of this.tools?.choosers ?? []) done(row ? number : -1, row);
-    this.refresh(); // the points of the chosen building are shown
   }
 
   /** @param {string} name */

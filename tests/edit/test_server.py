@@ -115,7 +115,9 @@ JUNK = st.recursive(
 def test_whatever_is_sent_gives_one_clear_line__and_writes_nothing(
     table: Caller, data: st.DataObject
 ) -> None:
-    keys = st.sampled_from(("id", "ids", "plan", "line", "moves", "verdict", "value", "do"))
+    keys = st.sampled_from(
+        ("id", "ids", "plan", "line", "moves", "at", "to", "rise", "verdict", "value", "do")
+    )
     action = data.draw(st.fixed_dictionaries({"do": st.sampled_from(sorted(TOOLS))}))
     action |= data.draw(st.dictionaries(keys, JUNK, max_size=4))
     if data.draw(st.booleans()):

@@ -9,6 +9,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import numpy as np
 import pyogrio
 import pytest
 import shapely
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 from eaves.edit.actions import OF_ROOF, TOOLS, ActionError
 from eaves.edit.review import summarise
 from eaves.edit.session import Session
-from eaves.flow import Edit, read_edits
+from eaves.flow import Edit, StatedFace, read_edits
 from eaves.flow.edits import write_edits
 from eaves.formats import InputError, read_polygons
 from eaves.pipeline import build
@@ -124,6 +125,92 @@ def test_a_gable_and_a_hip_are_those_of_moments(session: Session) -> None:
     assert values(session, hip)["method"] == rows[hip]["method"]
 
 
+def faces_of(session: Session, kind: str) -> tuple[str, list[StatedFace]]:
+    """The building with a roof of a kind, and its faces."""
+    name = next(one for one in session.outlines if values(session, one)["roof_type"] == kind)
+    return name, session.trial.faces(name)
+
+
+def top_line(faces: list[StatedFace]) -> np.ndarray[Any, Any]:
+    """The ends (2, 2) of the ridge, where both long faces of a roof have their highest corners."""
+    pair = sorted(faces, key=lambda face: -face.polygon.area)[:2]
+    places = shapely.get_coordinates(pair[0].polygon)[:-1]
+    return places[np.argsort(-pair[0].height_at(places))[:2]]
+
+
+def moved_ridge(faces: list[StatedFace], aside: float) -> tuple[Any, Any]:
+    """The ends (2, 2) of the ridge, and where a move aside (m) takes them."""
+    ends = top_line(faces)
+    way = ends[1] - ends[0]
+    return ends, ends + aside * np.array([-way[1], way[0]]) / np.hypot(*way)
+
+
+@pytest.mark.parametrize("kind", ["gable", "hip"])
+def test_a_ridge_is_where_it_is_moved__with_the_eaves_and_hips_as_they_were(
+    session: Session, kind: str
+) -> None:
+    name, faces = faces_of(session, kind)
+    (ends, moved), before = moved_ridge(faces, 0.8), values(session, name)
+    height = max(faces, key=lambda face: face.polygon.area).height_at(ends).max()
+    action = {"do": "ridge", "id": name, "line": ends.tolist(), "to": moved[0].tolist(), "rise": 0.5}
+    session.act(action)
+    after, now = values(session, name), session.trial.faces(name)
+    middle = moved.mean(axis=0)
+    near = [face for face in now if face.polygon.distance(shapely.Point(middle)) < 0.01]
+    assert len(near) == 2
+    assert [face.height_at(middle[None])[0] for face in near] == pytest.approx([height + 0.5] * 2, abs=0.03)
+    assert after["h_eaves"] == pytest.approx(before["h_eaves"], abs=0.03)
+    assert (after["roof_type"], after["edit"], after["trust"]) == (kind, "roof face", "manual")
+    assert len(now) == len(faces)
+    with pytest.raises(ActionError, match="beyond its faces"):
+        session.act({**action, "line": moved.tolist(), "to": (ends + 9.0 * (moved - ends))[0].tolist()})
+
+
+def test_two_faces_made_one_have_the_plane_of_the_points_of_both(session: Session) -> None:
+    name, faces = faces_of(session, "gable")
+    places = [list(face.polygon.representative_point().coords[0]) for face in faces[:2]]
+    session.act({"do": "unite", "id": name, "at": places})
+    (one,) = session.trial.faces(name)
+    assert one.polygon.area == pytest.approx(session.outlines[name].area, abs=0.1)
+    assert np.hypot(*one.rise) < 0.05  # a gable of two alike slopes has a level plane in the middle
+    with pytest.raises(ActionError, match="not in two faces"):
+        session.act({"do": "unite", "id": name, "at": places})
+
+
+def test_a_face_that_is_drawn_has_the_plane_of_its_points__and_goes_with_another_roof(
+    session: Session,
+) -> None:
+    name, faces = faces_of(session, "flat")
+    outline = session.outlines[name]
+    (x, y), half = outline.centroid.coords[0], 1.5
+    plan = corners(shapely.box(x - half, y - half, x + half, y + half))
+    session.act({"do": "face", "id": name, "plan": plan})
+    now = session.trial.faces(name)
+    drawn = min(now, key=lambda face: abs(face.polygon.area - 9.0))
+    assert drawn.polygon.symmetric_difference(shapely.Polygon(plan)).area < 0.1
+    assert drawn.height_at(np.array([[x, y]]))[0] == pytest.approx(
+        faces[0].height_at(np.array([[x, y]]))[0], abs=0.05
+    )
+    session.act({"do": "state", "id": name, "verdict": "eaves height", "value": 30.0})
+    raised = min(
+        session.trial.faces(name), key=lambda face: face.polygon.symmetric_difference(drawn.polygon).area
+    )
+    assert raised.height_at(np.array([[x, y]]))[0] == pytest.approx(30.0, abs=0.05)
+    session.act({"do": "state", "id": name, "verdict": "roof of points"})
+    assert len(session.trial.faces(name)) == len(faces)
+    assert values(session, name)["h_eaves"] == pytest.approx(30.0, abs=0.05)
+
+
+def test_a_roof_under_its_base_is_refused__and_nothing_kept(session: Session) -> None:
+    name, faces = faces_of(session, "gable")
+    places = [list(face.polygon.representative_point().coords[0]) for face in faces[:2]]
+    session.act({"do": "unite", "id": name, "at": places})
+    with pytest.raises(ActionError, match="the stated roof has"):
+        session.act({"do": "state", "id": name, "verdict": "eaves height", "value": 1.0})
+    assert len(read_edits(session.folder / "edits.gpkg", session.trial.system)) == 1
+    assert len(session.trial.faces(name)) == 1
+
+
 def test_a_missing_building_is_drawn__and_deleted(session: Session) -> None:
     name, outline = next(iter(session.outlines.items()))
     session.act({"do": "delete", "id": name})
@@ -179,6 +266,9 @@ def test_a_second_session_is_told_who_holds_the_folder(session: Session, out: Pa
         ({"do": "state", "verdict": "eaves height", "value": "high"}, "no number"),
         ({"do": "move", "moves": [[[0, 0], [1, float("nan")]]]}, "not two numbers"),
         ({"do": "sing"}, "'do' is none of"),
+        ({"do": "unite", "at": [[0, 0], [1, 1]]}, "not in two faces"),
+        ({"do": "ridge", "line": [[0, 0], [9, 0]], "to": [0, 1]}, "no two planes meet"),
+        ({"do": "face", "plan": [[0, 0], [9, 0], [9, 9]]}, "less than 1"),
         ([], "a JSON object"),
     ],
 )
@@ -190,8 +280,9 @@ def test_what_cannot_be_is_refused__and_nothing_written(session: Session, action
     assert not (session.folder / "edits.gpkg").exists()
 
 
-def any_action(choose: Random, outlines: dict[str, shapely.Polygon]) -> dict[str, Any]:
+def any_action(choose: Random, session: Session) -> dict[str, Any]:
     """An action on buildings as they are."""
+    outlines = session.outlines
     name = choose.choice(sorted(outlines))
     outline, kind = outlines[name], choose.choice(sorted(TOOLS))
     a, b, c, d = (choose.uniform(-1.5, 1.5) for _ in range(4))
@@ -209,7 +300,21 @@ def any_action(choose: Random, outlines: dict[str, shapely.Polygon]) -> dict[str
     if kind == "draw":
         east, north = outline.bounds[2] + 3.0 + a, outline.bounds[3] - 5.0 + b
         return {"do": kind, "plan": corners(shapely.box(east, north, east + 5.0 + c, north + 6.0 + d))}
-    return {"do": kind, "id": name, "verdict": choose.choice(OF_ROOF), "value": choose.uniform(-3.0, 12.0)}
+    x, y = outline.representative_point().coords[0]
+    if kind == "face":
+        plan = shapely.affinity.rotate(
+            shapely.box(x + a - 1.6, y + b - 1.6, x + c + 1.6, y + d + 1.6), 30.0 * a
+        )
+        return {"do": kind, "id": name, "plan": corners(plan)}
+    faces = session.trial.faces(name)
+    if kind == "unite" and len(faces) > 1:
+        places = [list(face.polygon.representative_point().coords[0]) for face in choose.sample(faces, 2)]
+        return {"do": kind, "id": name, "at": places}
+    if kind == "ridge" and len(faces) > 1:
+        ends, moved = moved_ridge(faces, a)
+        return {"do": kind, "id": name, "line": ends.tolist(), "to": moved[0].tolist(), "rise": b}
+    value = choose.uniform(12.0, 32.0)
+    return {"do": "state", "id": name, "verdict": choose.choice(OF_ROOF), "value": value}
 
 
 @pytest.mark.parametrize("count", but_first([6, 200]))
@@ -233,7 +338,7 @@ def test_random_edits_leave_a_valid_town__with_the_files_of_an_update(
                 step = choose.choice(("act", "act", "act", "act", "undo", "redo"))
                 try:
                     if step == "act":
-                        session.act(any_action(choose, session.outlines))
+                        session.act(any_action(choose, session))
                     else:
                         getattr(session, step)()
                 except ActionError:
@@ -252,6 +357,7 @@ def test_a_run_that_kept_nothing_is_edited__and_keeps_nothing(tmp_path: Path) ->
     files = write_simulation(nine_roofs_on_a_slope(density=4.0, seed=1), tmp_path / "nine")
     build(files["points"], tmp_path / "out", jobs=1, outputs=("footprints", "models"))
     with closing(Session(tmp_path / "out")) as session:
+        assert session.trial.reached == set(), "nothing is read before it is edited"
         name = next(iter(session.outlines))
         session.act({"do": "state", "id": name, "verdict": "flat roof"})
         assert values(session, name)["roof_type"] == "flat"

@@ -116,16 +116,21 @@ class Browser:
             ]
         )
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Move the pointer with the left button held."""
+    def drag(self, start: tuple[float, float], end: tuple[float, float], kind: str = "mouse") -> None:
+        """Move the pointer with the left button held, or a finger."""
         self._point(
             [
                 {"type": "pointerMove", "x": round(start[0]), "y": round(start[1])},
                 {"type": "pointerDown", "button": 0},
                 {"type": "pointerMove", "x": round(end[0]), "y": round(end[1]), "duration": 50},
                 {"type": "pointerUp", "button": 0},
-            ]
+            ],
+            kind,
         )
+
+    def tap(self, x: float, y: float) -> None:
+        """Touch a place of the window."""
+        self.drag((x, y), (x, y), "touch")
 
     def press(self, *keys: str) -> None:
         """Type keys where the focus is."""
@@ -133,8 +138,8 @@ class Browser:
         self.call("POST", "/actions", {"actions": [{"type": "key", "id": "keys", "actions": steps}]})
         self.settle()
 
-    def _point(self, steps: list[dict[str, Any]]) -> None:
-        pointer = {"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": steps}
+    def _point(self, steps: list[dict[str, Any]], kind: str = "mouse") -> None:
+        pointer = {"type": "pointer", "id": kind, "parameters": {"pointerType": kind}, "actions": steps}
         self.call("POST", "/actions", {"actions": [pointer]})
         self.settle()
 

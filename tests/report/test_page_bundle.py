@@ -10,15 +10,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-BUNDLES = ROOT / "src" / "eaves" / "report" / "page"
+SOURCES, PACKAGE = ROOT / "page" / "src", ROOT / "src" / "eaves"
+BUNDLES = ("report/page/page.js", "report/page/beside.js", "edit/page/edit.js")
 
 
 def test_the_first_line_of_a_bundle_names_the_sources_it_is_of() -> None:
     digest = hashlib.sha256()
-    for path in sorted((ROOT / "page" / "src").glob("*.js")):
-        digest.update(path.read_text("utf-8").encode())
-    for name in ("page.js", "beside.js"):
-        first = (BUNDLES / name).read_text("utf-8").partition("\n")[0]
+    for name in sorted(path.relative_to(SOURCES).as_posix() for path in SOURCES.rglob("*.js")):
+        digest.update((SOURCES / name).read_text("utf-8").encode())
+    for name in BUNDLES:
+        first = (PACKAGE / name).read_text("utf-8").partition("\n")[0]
         assert first.endswith(digest.hexdigest()[:16]), f"{name} is of other sources: run make page"
 
 
@@ -28,5 +29,5 @@ def test_the_first_line_of_a_bundle_names_the_sources_it_is_of() -> None:
 )
 def test_the_sources_make_the_same_bundle(tmp_path: Path) -> None:
     subprocess.run(["node", ROOT / "page" / "build.js", tmp_path], check=True)
-    for name in ("page.js", "beside.js"):
-        assert (tmp_path / name).read_bytes() == (BUNDLES / name).read_bytes()
+    for name in BUNDLES:
+        assert (tmp_path / name).read_bytes() == (PACKAGE / name).read_bytes()

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
@@ -13,9 +14,15 @@ from eaves.blocks.block_file import BlockFile
 from eaves.buildings.building_file import SavedBuilding, building_arrays, saved_buildings
 from eaves.buildings.gather import MARGIN, Gatherer, blocks_in
 from eaves.buildings.join import BuildingPlan, about
-from eaves.buildings.owned import StatedRoof, try_building
-from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint
+from eaves.buildings.owned import RoofOfPoints, try_building
+from eaves.geometry.percentiles import median
+from eaves.methods import MethodChoice
+from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.reconstruct import Reconstructor, reconstruct_building
+from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.toolkit.stated_faces import StatedFace, lay_faces
+from eaves.roof import RoofMethod
 from eaves.run.keys import key_of
 from eaves.run.world_squares import squares_touching
 
@@ -24,6 +31,89 @@ if TYPE_CHECKING:
 
 VERSION, CREATED = "version", "creationDate"
 """Attributes of a building to which an update gave a version."""
+
+FLAT, COARSER, FINER, GABLE, HIP = "flat", "coarser", "finer", "gable", "hip"
+"""Shapes of a roof that a person states."""
+PRICED = {COARSER: 4.0, FINER: 0.25}
+"""The price of a roof face in those of the recipe: at a quarter and at four times of it most roofs show
+another number of faces."""
+
+
+@dataclass(frozen=True)
+class StatedRoof(RoofOfPoints):
+    """What a person states of a roof.
+
+    Parameters
+    ----------
+    base : float or None
+        Height (m) of its base.
+    shape : str
+        Its shape, empty for that of its points.
+    changes : tuple of StatedFace or float
+        Faces that are laid over it (world metres), and heights (m) of its eaves, to which all of it is
+        raised, in their order.
+    method : Reconstructor or None
+        The method of a shape that one of its own makes.
+    code : tuple of str
+        The digests of that method's code.
+    """
+
+    shape: str = ""
+    changes: tuple[StatedFace | float, ...] = ()
+    method: Reconstructor | None = None
+    code: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """True if a shape or a face is stated."""
+        return bool(self.shape) or any(isinstance(change, StatedFace) for change in self.changes)
+
+    def planes(
+        self, points: Points, spacing: float, method: RoofMethod, rng: np.random.Generator
+    ) -> list[RoofPlane]:
+        """The planes of the points, for a shape that has a price with faces at that price; of a flat roof the
+        level one at their median height."""
+        if self.shape == FLAT:
+            level = median(points[:, 2])
+            rmse = float(np.sqrt(np.mean((points[:, 2] - level) ** 2)))
+            return [RoofPlane((0.0, 0.0, level), np.arange(len(points)), rmse)]
+        price = getattr(method, "price", None)
+        if price is not None and self.shape in PRICED:
+            method = method.model_copy(update={"price": price * PRICED[self.shape]})
+        return super().planes(points, spacing, method, rng)
+
+    def model(
+        self,
+        points: Points,
+        footprint: Footprint,
+        planes: list[RoofPlane],
+        base: float,
+        method: MethodChoice,
+    ) -> tuple[BuildingModel | Failure, Points]:
+        """The model of the points after all changes, and the points, raised with the roof."""
+        chosen = self.method or method
+        limits = chosen if isinstance(chosen, Arrangement) else Arrangement()
+        faces: list[StatedFace] = []
+        outcome = found = reconstruct_building(points, footprint, planes, base, chosen)
+        for change in self.changes:
+            if isinstance(outcome, Failure) or isinstance(found, Failure):
+                break
+            if isinstance(change, StatedFace):
+                faces.append(change.about(footprint.origin))
+            else:
+                rise = change - float(outcome.attributes["h_eaves"])
+                points, faces = points + [0.0, 0.0, rise], [face.raised(rise) for face in faces]
+                planes = [raised(plane, rise) for plane in planes]
+                outcome = found = reconstruct_building(points, footprint, planes, base, chosen)
+            if faces and isinstance(found, BuildingModel):
+                outcome = lay_faces(found, faces, points, base, limits)
+        return outcome, points
+
+
+def raised(plane: RoofPlane, rise: float) -> RoofPlane:
+    """The plane of points that lie higher by so much (m)."""
+    a, b, c = plane.coefficients
+    return replace(plane, coefficients=(a, b, c + rise))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +42,7 @@ from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL, heights_under
-from eaves.reconstruct import Reconstructor, add_overhangs, reconstruct_building
+from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.stage import FALLBACK
 from eaves.roof import RoofMethod, segment_roof
 from eaves.roof.toolkit.crowns import crown_points
@@ -65,34 +65,37 @@ if TYPE_CHECKING:
 log = logging.getLogger("eaves")
 
 
-FLAT, COARSER, FINER, GABLE, HIP = "flat", "coarser", "finer", "gable", "hip"
-"""Shapes of a roof that a person states."""
-PRICED = {COARSER: 4.0, FINER: 0.25}
-"""The price of a roof face in those of the recipe: at a quarter and at four times of it most roofs show
-another number of faces."""
-
-
 @dataclass(frozen=True)
-class StatedRoof:
-    """What a person states of a roof: its shape, empty for that of its points, and heights (m) of its base
-    and eaves, None for those measured; for a shape that a method of its own makes, the method, and the
-    digests of its code."""
+class RoofOfPoints:
+    """A roof as its points show it, from a base (m) that is measured where it is None; what a person states
+    of a roof is a class under this one (`eaves.buildings.edited`)."""
 
-    shape: str = ""
     base: float | None = None
-    eaves: float | None = None
-    method: Reconstructor | None = None
-    code: tuple[str, ...] = ()
 
-    def segmentation(self, roof: RoofMethod) -> RoofMethod:
-        """The method of the recipe, its faces priced for the shape where it has a price."""
-        price = getattr(roof, "price", None)
-        if price is None or self.shape not in PRICED:
-            return roof
-        return roof.model_copy(update={"price": price * PRICED[self.shape]})
+    @property
+    def holds(self) -> bool:
+        """True if the roof is one whatever its points look like."""
+        return False
+
+    def planes(
+        self, points: Points, spacing: float, method: RoofMethod, rng: np.random.Generator
+    ) -> list[RoofPlane]:
+        """The planes of the roof's points (N, 3) with their spacing (m)."""
+        return segment_roof(points, spacing, method, rng=rng)
+
+    def model(
+        self,
+        points: Points,
+        footprint: Footprint,
+        planes: list[RoofPlane],
+        base: float,
+        method: MethodChoice,
+    ) -> tuple[BuildingModel | Failure, Points]:
+        """The model over a base (m), and the points that it is of."""
+        return reconstruct_building(points, footprint, planes, base, method), points
 
 
-OF_POINTS = StatedRoof()
+OF_POINTS = RoofOfPoints()
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +161,7 @@ def try_building(
     footprint: Footprint | Failure,
     recipe: Recipe,
     unit_m: float,
-    stated: StatedRoof = OF_POINTS,
+    stated: RoofOfPoints = OF_POINTS,
     check: bool = True,
 ) -> BuildingResult:
     """The answer of `building_pass` for all points, or what is left of a building where it raises: one must
@@ -317,7 +320,7 @@ def building_pass(
     footprint: Footprint | Failure,
     recipe: Recipe,
     unit_m: float = 1.0,
-    stated: StatedRoof = OF_POINTS,
+    stated: RoofOfPoints = OF_POINTS,
     check: bool = True,
 ) -> BuildingResult:
     """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in.
@@ -337,28 +340,20 @@ def building_pass(
         return BuildingResult(model, building.point_id, plane, clock.laps)
 
     rng = np.random.default_rng(int(key_of(points), 16))  # by its points: nothing else changes its roof
-    planes = (
-        [level_plane(points)]
-        if stated.shape == FLAT
-        else segment_roof(points, building.spacing, stated.segmentation(recipe.roof), rng=rng)
-    )
+    planes = stated.planes(points, building.spacing, recipe.roof, rng)
     for number, segment in enumerate(planes, 1):
         plane[roof[segment.members]] = number
     clock.lap("roof")
 
-    doubt = "" if stated.shape or recipe.from_raster else lacks_roof(building, roof, planes)
+    doubt = "" if stated.holds or recipe.from_raster else lacks_roof(building, roof, planes)
     base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
     if stated.base is not None:
         base = terrain = stated.base
     if not np.isfinite(base):
         outcome: BuildingModel | Failure = no_ground(footprint)
     else:
-        method = FALLBACK if doubt else stated.method or recipe.reconstruct
-        outcome = reconstruct_building(points, footprint, planes, base, method)
-        if stated.eaves is not None and isinstance(outcome, BuildingModel):
-            rise = stated.eaves - float(outcome.attributes["h_eaves"])
-            points, planes = points + [0.0, 0.0, rise], [raised(plane, rise) for plane in planes]
-            outcome = reconstruct_building(points, footprint, planes, base, method)
+        method = FALLBACK if doubt else recipe.reconstruct
+        outcome, points = stated.model(points, footprint, planes, base, method)
         if doubt and isinstance(outcome, BuildingModel):
             why = {"fallback_code": NO_ROOF, "fallback_reason": doubt}
             outcome = outcome.with_(attributes={**outcome.attributes, **why})
@@ -469,19 +464,6 @@ def lacks_roof(building: BuildingPoints, roof: NDArray[np.int64], planes: Sequen
     if np.mean(~ends) <= LEAST_PIERCED or solid >= LEAST_SOLID:
         return ""
     return f"{np.mean(~ends):.0%} of its points let the pulse through, {solid:.0%} end it on a plane: leaves"
-
-
-def raised(plane: RoofPlane, rise: float) -> RoofPlane:
-    """The plane of points that lie higher by so much (m)."""
-    a, b, c = plane.coefficients
-    return replace(plane, coefficients=(a, b, c + rise))
-
-
-def level_plane(points: Points) -> RoofPlane:
-    """The level plane at the median height of roof points (N, 3), N > 0, with all of them."""
-    level = float(np.median(points[:, 2]))
-    rmse = float(np.sqrt(np.mean((points[:, 2] - level) ** 2)))
-    return RoofPlane((0.0, 0.0, level), np.arange(len(points)), rmse)
 
 
 def unit_attributes(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:

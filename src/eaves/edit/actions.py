@@ -12,7 +12,7 @@ import shapely
 from shapely import Polygon
 from shapely.ops import split
 
-from eaves.flow import OVERLAP_M2, VERDICTS, Edit
+from eaves.flow import OVERLAP_M2, VERDICTS, Edit, StatedFace
 
 SAME_CORNER_M = 0.01
 """Corners nearer than this (m) to one another are one, and move together."""
@@ -23,8 +23,12 @@ MOST_TAKEN = 0.5
 """Share of a neighbour that an outline may take of it."""
 CLOSED_GAP_M = 0.3
 """Two buildings this near (m) are joined over the gap."""
+AT_FACE_M, LEVEL, STEEPEST = 0.05, 0.1, 4.0
+"""A face ends, and meets another, within so much (m); a ridge rises by less (m/m), a plane that rises by more
+(m/m, 76°) is a wall."""
 NO_BUILDING, IS_BUILDING, FOOTPRINT, PARTY_WALLS = "no building", "is a building", "footprint", "party walls"
-OF_ROOF = tuple(name for name in VERDICTS if "roof" in name or "height" in name)
+ROOF_FACE = "roof face"
+OF_ROOF = tuple(name for name in VERDICTS if ("roof" in name or "height" in name) and name != ROOF_FACE)
 
 
 class ActionError(ValueError):
@@ -33,10 +37,12 @@ class ActionError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What actions stand on: the outlines of all buildings (world metres), by id, and the page's origin."""
+    """What actions stand on: the outlines of all buildings (world metres), by id, the page's origin, and what
+    gives the roof faces of a building."""
 
     outlines: Mapping[str, Polygon]
     origin: tuple[float, float] = (0.0, 0.0)
+    faces: Callable[[str], Sequence[StatedFace]] = lambda name: ()
 
     def outline(self, name: object) -> Polygon:
         """The outline of a building."""
@@ -236,6 +242,115 @@ def state(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
     yield Edit(verdict, table.outline(action.get("id")), str(action["id"]), value=value)
 
 
+def face(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A face of the roof drawn, a dormer: {"id", "plan": [[x, y], …]}; its plane is that of its points."""
+    plan = shapely.intersection(table.plan(action.get("plan")), table.outline(action.get("id")))
+    yield Edit(ROOF_FACE, sound(plan), str(action["id"]))
+
+
+def unite(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """Two faces of the roof made one: {"id", "at": [[x, y], [x, y]]}, a place in each; the plane is that of
+    the points in both."""
+    table.outline(action.get("id"))
+    faces, chosen = table.faces(str(action["id"])), list[StatedFace]()
+    for place in table.places(action.get("at"), 2)[:2]:
+        chosen += [one for one in faces if one.polygon.contains(shapely.Point(place))][:1]
+    if len(chosen) < 2 or chosen[0] is chosen[1]:
+        raise ActionError("the places are not in two faces of the roof")
+    whole = shapely.union_all([one.polygon for one in chosen], grid_size=0.001)
+    if not isinstance(whole, Polygon):
+        raise ActionError("the faces do not touch")
+    yield Edit(ROOF_FACE, sound(whole), str(action["id"]))
+
+
+def ridge(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
+    """A ridge, or a valley, moved: {"id", "line": [[x, y], [x, y]], "to": [x, y], "rise"}, its ends, a place
+    that it is to go through, and how much higher (m) it is to be.
+
+    The two planes that meet there turn about their eaves, the middle of their lowest corners. Over them, and
+    over the faces at the ridge's ends that they meet as a hip meets a roof, the roof is the lowest of all
+    these planes, of a valley the highest.
+    """
+    name = str(action.get("id"))
+    table.outline(action.get("id"))
+    ends, to = np.array(table.places(action.get("line"), 2)[:2]), np.array(table.place(action.get("to")))
+    rise, along = number(action.get("rise", 0.0)), ends[1] - ends[0]
+    length = float(np.hypot(*along))
+    if length < AT_FACE_M:
+        raise ActionError("the line has no length")
+    normal = np.array([-along[1], along[0]]) / length
+    moved = ends + float((to - ends[0]) @ normal) * normal
+    faces = table.faces(name)
+    near = [
+        [one for one in faces if one.polygon.distance(shapely.Point(at)) <= AT_FACE_M]
+        for at in (ends.mean(axis=0), *ends)
+    ]
+    pair = sorted(near[0], key=lambda one: -one.polygon.area)[:2]
+    if len(pair) < 2 or np.abs(np.subtract(*(one.height_at(ends) for one in pair))).max() > 4 * AT_FACE_M:
+        raise ActionError("no two planes meet there")
+    inside = [shapely.get_coordinates(one.polygon.representative_point()) for one in pair]
+    sign = 1.0 if pair[0].height_at(inside[0])[0] <= pair[1].height_at(inside[0])[0] else -1.0
+    heights = np.mean([one.height_at(ends) for one in pair], axis=0) + rise
+    if abs(float(heights[1] - heights[0])) > LEVEL * length:
+        raise ActionError("the line slopes: it is a hip; move the ridge")
+    planes = [(one, turned(one, np.column_stack([moved, heights]), sign)) for one in pair]
+    for hip in near[1] + near[2]:
+        more = [*(one for one, _ in planes), hip]
+        if hip not in more[:-1] and is_lowest(more, sign):
+            planes.append((hip, hip))
+    whole = shapely.union_all([one.polygon for one, _ in planes], grid_size=0.001)
+    if not whole.contains(shapely.Point(moved.mean(axis=0))):
+        raise ActionError("the ridge would lie beyond its faces")
+    for _, plane in planes:
+        others = [other for _, other in planes if other is not plane]
+        for part in shapely.get_parts(lowest_part(whole, plane, others, sign)):
+            if part.area >= LEAST_M2:
+                yield Edit(ROOF_FACE, part := sound(part), name, plane=plane.over(part).plane)
+
+
+def turned(one: StatedFace, line: np.ndarray[Any, Any], sign: float) -> StatedFace:
+    """A face on the plane through a line (2, 3) and its eaves, the middle of its corners that lie lowest, by
+    a sign of -1 highest."""
+    corners = shapely.get_coordinates(one.polygon)[:-1]
+    heights = one.height_at(corners)
+    lowest = sign * heights <= (sign * heights).min() + AT_FACE_M
+    eaves = np.append(corners[lowest].mean(axis=0), heights[lowest].mean())
+    way = line - eaves
+    a, b = np.linalg.lstsq(way[:, :2], way[:, 2], rcond=None)[0].tolist()
+    if not math.hypot(a, b) <= STEEPEST:
+        raise ActionError("the ridge would lie on its eaves")
+    middle = shapely.get_coordinates(one.polygon.centroid)[0]
+    return StatedFace(one.polygon, (a, b, float(eaves[2] + (middle - eaves[:2]) @ np.array([a, b]))))
+
+
+def is_lowest(faces: Sequence[StatedFace], sign: float) -> bool:
+    """True if the roof over faces is the lowest of their planes, by a sign of -1 the highest."""
+    inside = [shapely.get_coordinates(one.polygon.representative_point()) for one in faces]
+    return all(
+        sign * (other.height_at(at)[0] - one.height_at(at)[0]) >= -AT_FACE_M
+        for one, at in zip(faces, inside, strict=True)
+        for other in faces
+    )
+
+
+def lowest_part(whole: Any, plane: StatedFace, others: Sequence[StatedFace], sign: float) -> Any:
+    """The part of a shape where a plane lies under others, by a sign of -1 over them."""
+    middle, reach = shapely.get_coordinates(whole.centroid), 4.0 * math.sqrt(whole.area) + whole.length
+    for other in others:
+        a, b = sign * (other.rise - plane.rise)
+        apart = sign * float(other.height_at(middle)[0] - plane.height_at(middle)[0])
+        steep = math.hypot(a, b)
+        if steep < 1e-6:
+            whole = whole if apart >= 0.0 else Polygon()
+            continue
+        up = np.array([a, b]) / steep
+        begin, across = middle[0] - up * apart / steep, np.array([-up[1], up[0]]) * reach
+        far = up * (reach + abs(apart) / steep)
+        half = Polygon([begin - across, begin + across, begin + across + far, begin - across + far])
+        whole = shapely.intersection(whole, half, grid_size=0.001)
+    return whole
+
+
 def confirm(action: Mapping[str, Any], table: Table) -> Iterator[Edit]:
     """A building that is right: {"id"}."""
     yield Edit("right", table.outline(action.get("id")), str(action["id"]))
@@ -248,6 +363,9 @@ TOOLS: dict[str, Callable[[Mapping[str, Any], Table], Iterator[Edit]]] = {
     "delete": delete,
     "split": divide,
     "join": join,
+    "face": face,
+    "unite": unite,
+    "ridge": ridge,
     "state": state,
     "right": confirm,
 }

@@ -19,7 +19,7 @@ from eaves.formats import write_cityjson_seq
 from eaves.report import Contents, Sample, describe_run, iter_arrays, iter_data, iter_page
 
 PLACE = files("eaves.edit").joinpath("page")
-SCRIPTS = ("geometry.js", "main.js", "tools.js", "view.js")
+SCRIPT = "edit.js"
 GONE = ("point", "terrain")
 """Arrays of the page that edits leave as they are begin so."""
 BARE_M = 0.75
@@ -32,7 +32,7 @@ def page_of(contents: Contents, data: Mapping[str, Any]) -> bytes:
     """The page with the panel of the table, its script and the data of both."""
     page = "".join(iter_page(contents, describe_run(contents.folder), data={"edit": dict(data)}))
     panel, style = (PLACE.joinpath(f"panel.{kind}").read_text("utf-8") for kind in ("html", "css"))
-    script = '<script type="module" src="main.js"></script>'
+    script = f'<script defer src="{SCRIPT}"></script>'
     for mark, more in (
         ('<section id="stage" aria-label="3D scene">', panel),
         ("script-src ", "'self' "),
@@ -45,8 +45,8 @@ def page_of(contents: Contents, data: Mapping[str, Any]) -> bytes:
 
 
 def script_of(name: str) -> bytes | None:
-    """A module of the tools; None where there is none of that name."""
-    return PLACE.joinpath(name).read_bytes() if name in SCRIPTS else None
+    """The script of the tools; None for another name."""
+    return PLACE.joinpath(SCRIPT).read_bytes() if name == SCRIPT else None
 
 
 def plan_of(polygon: Any, origin: tuple[float, float]) -> list[list[list[float]]]:

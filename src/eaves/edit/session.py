@@ -12,7 +12,7 @@ from typing import Any
 
 from shapely import Polygon
 
-from eaves.edit.actions import ActionError, Table, edits_of, signed
+from eaves.edit.actions import OF_ROOF, ROOF_FACE, ActionError, Table, edits_of, signed
 from eaves.edit.review import Reviewed, read_queue
 from eaves.flow import Edit
 from eaves.upkeep import Trial, open_trial, update
@@ -44,6 +44,8 @@ class Session:
         self.folder, self.jobs = folder, jobs
         self.lock = threading.RLock()
         self.undone: list[list[Edit]] = []
+        self.failed: frozenset[str] = frozenset()
+        """What edits that give no model were last said to be."""
         self.day = datetime.date.today().isoformat()
         self.open()
 
@@ -75,8 +77,9 @@ class Session:
         """Model what all edits say now."""
         corrected = self.trial.correct([*self.own, *self.trial.from_layer()])
         self.seen = self.trial.state()
-        changed = self.trial.changed(corrected.touched)
-        return Change(changed, (*corrected.conflicts, *corrected.failed))
+        changed, known = self.trial.changed(corrected.touched), self.failed
+        self.failed = frozenset((*corrected.conflicts, *corrected.failed))
+        return Change(changed, tuple(sorted(self.failed - known)))
 
     def take_in(self) -> Change:
         """What another program changed since the last call."""
@@ -92,15 +95,21 @@ class Session:
         Raises
         ------
         ActionError
-            When it cannot be carried out; nothing is written then.
+            When it cannot be carried out, or a roof so stated is none; no edit is kept then.
         """
         with self.lock:
             before = self.take_in()
-            edits = edits_of(action, Table(self.outlines, origin))
+            edits = edits_of(action, Table(self.outlines, origin, self.trial.faces))
             reasons = {entry.id: entry.reason for entry in self.queue}
             edits = signed(edits, self.last_action + 1, self.day, reasons)
-            self.undone.clear()
-            return self.with_edits([*self.own, *edits], before)
+            undone, kept = self.undone, self.own
+            self.undone = []
+            change = self.with_edits([*self.own, *edits], before)
+            if change.words and {edit.verdict for edit in edits} <= {ROOF_FACE, *OF_ROOF}:
+                self.undone = undone
+                self.with_edits(kept, before)
+                raise ActionError("; ".join(change.words))
+            return change
 
     @property
     def last_action(self) -> int:

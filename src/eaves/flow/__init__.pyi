@@ -3,6 +3,7 @@ from .advice import STRIP_CELL as STRIP_CELL
 from .corrected import OVERLAP_M2 as OVERLAP_M2
 from .edits import VERDICTS as VERDICTS
 from .edits import Edit as Edit
+from .edits import StatedFace as StatedFace
 from .edits import read_edits as read_edits
 from .formats import check_formats as check_formats
 from .formats import export_content as export_content

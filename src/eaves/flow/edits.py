@@ -13,8 +13,7 @@ from typing import Any
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from eaves.buildings.edited import Order, OrderedPart
-from eaves.buildings.owned import COARSER, FINER, FLAT, GABLE, HIP, StatedRoof
+from eaves.buildings.edited import COARSER, FINER, FLAT, GABLE, HIP, Order, OrderedPart, StatedRoof
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.geometry.overlaps import HALF
@@ -23,6 +22,7 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import resolve_method
 from eaves.model import CoordinateSystem
 from eaves.reconstruct import Reconstructor
+from eaves.reconstruct.toolkit.stated_faces import StatedFace as StatedFace
 from eaves.run.keys import code_of_methods
 
 NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS = (
@@ -32,7 +32,7 @@ NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS = (
     "footprint",
     "party walls",
 )
-RIGHT, BASE_HEIGHT, EAVES_HEIGHT = "right", "base height", "eaves height"
+RIGHT, BASE_HEIGHT, EAVES_HEIGHT, ROOF_FACE = "right", "base height", "eaves height", "roof face"
 SHAPES = {
     FLAT_ROOF: FLAT,
     "coarser roof": COARSER,
@@ -43,7 +43,7 @@ SHAPES = {
 }
 """The shape of a roof that a verdict states."""
 OUTLINES, HEIGHTS = (IS_BUILDING, FOOTPRINT, PARTY_WALLS), (BASE_HEIGHT, EAVES_HEIGHT)
-VERDICTS = (NO_BUILDING, *OUTLINES, *SHAPES, *HEIGHTS, RIGHT)
+VERDICTS = (NO_BUILDING, *OUTLINES, *SHAPES, *HEIGHTS, ROOF_FACE, RIGHT)
 
 DIFFERENT_M2 = 0.05
 """An outline was edited when it differs by more than this (m²): drivers round coordinates."""
@@ -54,8 +54,9 @@ class Edit:
     """One verdict.
 
     `id` names the building it is of; for a building that was not found it is empty, or the new building's.
-    `polygon` (world metres) is the outline to use, one of the houses between party walls, or the place.
-    `value` is the height (m) that a verdict states. An edit made at the operator's table has the number of
+    `polygon` (world metres) is the outline to use, one of the houses between party walls, a face of the roof,
+    or the place. `value` is the height (m) that a verdict states, `plane` that of a face, as `StatedFace` has
+    it; None for the plane of the points in the face. An edit made at the operator's table has the number of
     its action, the day, and the reason for which the building was to be reviewed.
     """
 
@@ -67,12 +68,14 @@ class Edit:
     action: int = 0
     reviewed: str = ""
     reason: str = ""
+    plane: tuple[float, float, float] | None = None
 
     @property
     def row(self) -> Row:
         """As the file of edits has it."""
         more: dict[str, Any] = {"value": self.value, "action": self.action or None}
         more |= {"reviewed": self.reviewed or None, "reason": self.reason or None}
+        more["plane"] = None if self.plane is None else " ".join(map(repr, self.plane))
         columns = {"verdict": self.verdict, "id": self.id or None, "source": self.source}
         return Row(self.polygon, columns | {name: value for name, value in more.items() if value is not None})
 
@@ -105,7 +108,9 @@ def read_edits(
             str(row.get("source") or path.name),
             height_of(path, verdict, row),
             int(row.get("action") or 0),
-            *(str(row.get(column) or "") for column in ("reviewed", "reason")),
+            str(row.get("reviewed") or ""),
+            str(row.get("reason") or ""),
+            plane_of(path, verdict, row),
         )
         for verdict, polygon, name, row in features_of(path, polygons, rows, VERDICTS)
     ]
@@ -128,6 +133,27 @@ def height_of(path: Path, verdict: str, row: Mapping[str, Any]) -> float | None:
     if not math.isfinite(height):
         raise InputError.about(path, f"'{verdict}' has no number", "give the height (m) in the field 'value'")
     return height
+
+
+def plane_of(path: Path, verdict: str, row: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    """The plane that a verdict of a file states for a face; None for that of the points in it.
+
+    Raises
+    ------
+    InputError
+        When it is no plane.
+    """
+    words = str(row.get("plane") or "").split()
+    if verdict != ROOF_FACE or not words:
+        return None
+    try:
+        a, b, height = map(float, words)
+    except ValueError:
+        a = b = height = math.nan
+    if not math.isfinite(a + b + height):
+        rule = "is a rise (m/m) to the east, one to the north, and a height (m) at the face's centroid"
+        raise InputError.about(path, f"the plane '{row['plane']}' is none", f"it {rule}")
+    return a, b, height
 
 
 def features_of(
@@ -287,7 +313,8 @@ class Draft:
 
     outline: Polygon
     shape: str = ""
-    heights: dict[str, float] = field(default_factory=dict)
+    base: float | None = None
+    changes: tuple[StatedFace | float, ...] = ()
     used: list[Edit] = field(default_factory=list)
     gone: bool = False
 
@@ -304,10 +331,15 @@ class Draft:
         self.used.append(edit)
         if verdict in OUTLINES:
             self.outline = edit.polygon
-        elif verdict in SHAPES:
+        elif verdict in SHAPES:  # all of the roof is another; its eaves stay where they are stated
             self.shape = SHAPES[verdict]
-        elif edit.value is not None:
-            self.heights[verdict] = edit.value
+            self.changes = tuple(one for one in self.changes if isinstance(one, float))[-1:]
+        elif verdict == ROOF_FACE:
+            self.changes += (StatedFace(edit.polygon, edit.plane),)
+        elif verdict == EAVES_HEIGHT and edit.value is not None:
+            self.changes += (edit.value,)
+        elif verdict == BASE_HEIGHT:
+            self.base = edit.value
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -321,8 +353,7 @@ class Draft:
     def roof(self) -> StatedRoof:
         """What they state of the roof."""
         method, code = method_of(self.shape)
-        base, eaves = (self.heights.get(verdict) for verdict in HEIGHTS)
-        return StatedRoof(self.shape, base, eaves, method, code)
+        return StatedRoof(self.base, self.shape, self.changes, method, code)
 
 
 def method_of(shape: str) -> tuple[Reconstructor | None, tuple[str, ...]]:
@@ -349,7 +380,7 @@ def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[
         if edit.verdict == PARTY_WALLS and division == (first, edit.action):
             fresh = next(free for n in count(2) if (free := f"{first}-{n}") not in parts)
             near = parts[first]
-            parts[fresh] = Draft(edit.polygon, near.shape, dict(near.heights), [edit])
+            parts[fresh] = Draft(edit.polygon, near.shape, near.base, near.changes, [edit])
         elif edit.verdict in OUTLINES:
             for other in [*targets, *meant(edit, parts)]:
                 if other != first:

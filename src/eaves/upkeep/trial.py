@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import shapely
 
-from eaves.buildings.building_file import SavedBuilding, SavedBuildings
+from eaves.buildings.building_file import SavedBuilding, SavedBuildings, found_buildings
 from eaves.flow.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
-from eaves.flow.edits import Edit, write_edits
+from eaves.flow.edits import IS_BUILDING, Edit, StatedFace, divided, write_edits
 from eaves.flow.refusals import EDITS, LAYER
-from eaves.flow.region import ensure_points, open_region
+from eaves.flow.region import ensure_points, model_plans, open_region
 from eaves.flow.run import Progress, no_progress
 from eaves.flow.step import Region
-from eaves.model import Block, CoordinateSystem
-from eaves.pipeline import hold_folder
+from eaves.flow.tiles import Area
+from eaves.formats import read_polygons
+from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem
+from eaves.pipeline import find_plans, hold_folder
 from eaves.run.keys import EDITED
+from eaves.run.manifest import is_changed, known_files, read_facts
 from eaves.run.store import WORK
+from eaves.run.world_squares import ring, squares_touching
 from eaves.upkeep.kept import link_results, open_again, read_request
 from eaves.upkeep.update import compute_again
 
@@ -44,6 +48,14 @@ class Trial:
     written: dict[str, shapely.Polygon]
     """Id → outline (world metres) of the buildings, as the run's files show them."""
     last: dict[Block, dict[str, bytes]] = field(default_factory=dict)
+    saved: Sequence[Edit] | None = None
+    """Of a run that kept nothing, the edits that its files show: its blocks are computed when a building in
+    them is asked for. None where the buildings of all blocks are there."""
+    reached: set[Block] = field(default_factory=set)
+    known: set[str] = field(default_factory=set)
+    """The blocks computed so, and the written buildings that their owners show."""
+    now: Sequence[Edit] = ()
+    """The edits that were carried out last."""
 
     @property
     def system(self) -> CoordinateSystem:
@@ -71,12 +83,67 @@ class Trial:
 
     def correct(self, edits: Sequence[Edit]) -> Corrected:
         """Carry out all edits in the copy of the results, and take back what is edited no more."""
+        self.now = edits
+        if self.saved is not None:
+            before, after = ({mark_of(edit): edit for edit in some} for some in (self.saved, edits))
+            changed = [{**before, **after}[mark] for mark in before.keys() ^ after.keys()]
+            self.reach([edit.id for edit in changed], [edit.polygon for edit in changed])
+        return self.carry_out(edits)
+
+    def carry_out(self, edits: Sequence[Edit]) -> Corrected:
+        """Carry out those of some edits whose buildings are there."""
         self.region.ensured.pop(EDITED, None)  # what was asked for before may be asked for again
+        if self.saved is not None:
+            there, fresh = self.found(), {edit.id for edit in edits if edit.verdict == IS_BUILDING}
+            edits = [
+                edit
+                for edit in edits
+                if divided(edit.id, there)
+                or (
+                    (edit.id in fresh or not divided(edit.id, self.written))
+                    and self.touched([edit.polygon]) & self.reached
+                )
+            ]
         return correct(self.region, edits)
+
+    def reach(self, names: Iterable[str], shapes: Iterable[shapely.Geometry] = ()) -> None:
+        """Compute the blocks that some buildings and shapes lie in where they are not yet, and those around
+        until the blocks that own the buildings are among them."""
+        if self.saved is None:
+            return
+        drawn = {edit.id for edit in self.saved if edit.verdict == IS_BUILDING}
+        wanted = {stem for name in names if (stem := divided(name, self.written))} - drawn
+        more = self.touched([*(self.written[name] for name in wanted), *shapes]) - self.reached
+        if not more:
+            return
+        everywhere = self.touched(self.written.values()) | more
+        while more:
+            model_plans(self.region, find_plans(self.region, Area(tuple(sorted(more)))))
+            self.reached |= more
+            there, near = self.found(), {one for block in self.reached for one in ring(block)}
+            missing = not all(divided(name, there) for name in wanted)
+            more = (near & everywhere) - self.reached if missing else set()
+        self.carry_out(self.saved)
+        shown, side = SavedBuildings(self.region.store), self.region.run.side
+        for owner in set(shown.owners(side)) - self.last.keys():
+            self.last[owner] = contents_of(shown.saved(owner))
+            self.known |= self.last[owner].keys()
+        self.carry_out(self.now)
+
+    def found(self) -> dict[str, shapely.Polygon]:
+        """Id → outline of the buildings that are there, as they were found."""
+        return outlines_in(found_buildings(self.region.store), self.region.run.side)
+
+    def touched(self, shapes: Iterable[shapely.Geometry]) -> set[Block]:
+        """The blocks that shapes (world metres) reach into."""
+        side = self.region.run.side
+        return {block for shape in shapes for block in squares_touching(Bounds(*shape.bounds), side)}
 
     def outlines(self) -> dict[str, shapely.Polygon]:
         """Id → outline (world metres) of the buildings as they are now."""
-        return outlines_in(SavedBuildings(self.region.store), self.region.run.side)
+        written = {} if self.saved is None else self.written
+        kept = {name: outline for name, outline in written.items() if name not in self.known}
+        return {**kept, **outlines_in(SavedBuildings(self.region.store), self.region.run.side)}
 
     def changed(self, owners: Collection[Block]) -> dict[str, SavedBuilding | None]:
         """The buildings that blocks own and that are others than when this was last asked; None for those
@@ -96,6 +163,7 @@ class Trial:
 
     def buildings(self, names: Collection[str]) -> dict[str, SavedBuilding | None]:
         """Buildings by their ids as they are now; None where there is none."""
+        self.reach(names)
         now, side = SavedBuildings(self.region.store), self.region.run.side
         found: dict[str, SavedBuilding | None] = dict.fromkeys(names)
         for owner in now.owners(side) if names else ():
@@ -104,6 +172,30 @@ class Trial:
                 if name in found:
                     found[name] = building
         return found
+
+    def faces(self, name: str) -> list[StatedFace]:
+        """The faces (world metres) of a building's roof as it is now; none of one without a model."""
+        saved = self.buildings([name])[name]
+        outcome = None if saved is None else saved.result.outcome
+        if not isinstance(outcome, BuildingModel):
+            return []
+        planes = [plane for plane in outcome.planes if plane.polygon is not None]
+        return [StatedFace.of(plane, outcome.footprint.origin) for plane in planes]
+
+
+def mark_of(edit: Edit) -> tuple[object, ...]:
+    """What tells an edit from others."""
+    return edit.action, edit.verdict, edit.id, edit.value, edit.plane, edit.polygon.wkb
+
+
+def written_outlines(folder: Path, system: CoordinateSystem) -> dict[str, shapely.Polygon]:
+    """Id → outline (world metres) of the buildings in a run's layer, where that is as the run wrote it; none
+    where it is not, or where there is no layer."""
+    path, entry = folder / LAYER, known_files(folder).get(LAYER)
+    if not path.exists() or not entry or is_changed(path, entry):
+        return {}
+    polygons, _, rows, _ = read_polygons(path, "footprints", target=system)
+    return {str(row["id"]): polygon for polygon, row in zip(polygons, rows, strict=True)}
 
 
 def contents_of(buildings: Sequence[SavedBuilding]) -> dict[str, bytes]:
@@ -120,7 +212,8 @@ def open_trial(
     Parameters
     ----------
     folder : str or Path
-        Folder of `eaves build`; of a run without `keep` all is computed again.
+        Folder of `eaves build`; of a run without `keep` the blocks of what is edited are computed again, or
+        all where its layer of footprints is not there as it was written, and where footprints were given.
     jobs : int
         Processes.
     progress : callable
@@ -146,12 +239,19 @@ def open_trial(
             else:
                 region.store.discard()
             region.store = replace(region.store, folder=place, persistent=True)
+            written, saved = {}, None
             if not kept:
                 region.store.prepare()
+                written = written_outlines(folder, region.store.system) if run.given is None else {}
+            if written:
+                region.within = set()
+                saved = kept_edits(folder, region.store.system)[: read_facts(folder).get("edits", 0)]
+            elif not kept:
                 compute_again(region, folder)
-            ensure_points(region)
+            if not written:
+                ensure_points(region)
             shown = SavedBuildings(region.store)
-            trial = Trial(folder, region, outlines_in(shown, run.side))
+            trial = Trial(folder, region, written or outlines_in(shown, run.side), saved=saved)
             trial.last = {owner: contents_of(shown.saved(owner)) for owner in shown.owners(run.side)}
             yield trial
         finally:

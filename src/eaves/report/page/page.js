@@ -1,4 +1,4 @@
-// made by `make page` of page/src 266ff1e63551bf2c
+// made by `make page` of page/src 9fc26aac64fac93e
 "use strict";(()=>{var byId=name=>document.getElementById(name),field=name=>byId(name),source=globalThis.document?.getElementById("data"),page=source?JSON.parse(source.textContent??
 ""):{},element=(tag,attributes={},...children)=>{let made2=document.createElement(tag);for(let[name,value]of Object.entries(attributes))made2.setAttribute(name,
 String(value));return made2.append(...children),made2};function figure(value,name=""){return value==null?"":typeof value!="number"||Number.isInteger(value)?String(
@@ -161,27 +161,29 @@ grid),light:groundShade(grid,triangles)}})}function joined(scenes){if(scenes.len
 return{points:join("points"),triangles:join("triangles"),edges:join("edges"),prints:join("prints"),grounds:scenes.flatMap(scene=>scene.grounds)}}function joinThings(parts){
 return Object.fromEntries(Object.entries(parts[0]).map(([name,first])=>{if(name==="count")return[name,parts.reduce((sum,part)=>sum+part.count,0)];if(!ArrayBuffer.
 isView(first))return[name,first];let all=new first.constructor(parts.reduce((sum,part)=>sum+part[name].length,0)),place=0;for(let part of parts)all.set(part[name],
-place),place+=part[name].length;return[name,all]}))}function without(things,building){let kept=Uint32Array.from(things.building.keys()).filter(number=>things.building[number]!==
-building);return Object.fromEntries(Object.entries(things).map(([name,values])=>name==="count"?[name,kept.length]:[name,ArrayBuffer.isView(values)?reordered(values,
-kept,values.length/Math.max(1,things.count)):values]))}function shuffled(count){let order=Uint32Array.from({length:count},(_,place)=>place);for(let place=count-
-1,state=1;place>0;place--){state=Math.imul(state,1664525)+1013904223>>>0;let other=Math.floor(state/2**32*(place+1)),kept=order[place];order[place]=order[other],
-order[other]=kept}return order}function reordered(values,order,width){let out=new values.constructor(width*order.length);for(let place=0;place<order.length;place++)
-for(let k=0;k<width;k++)out[width*place+k]=values[width*order[place]+k];return out}function slopes({xyz,count}){let slope=new Float32Array(count),azimuth=new Float32Array(
-count);for(let number=0,at=0;number<count;number++,at+=9){let ux=xyz[at+3]-xyz[at],uy=xyz[at+4]-xyz[at+1],uz=xyz[at+5]-xyz[at+2],vx=xyz[at+6]-xyz[at],vy=xyz[at+
-7]-xyz[at+1],vz=xyz[at+8]-xyz[at+2],east=uy*vz-uz*vy,north=uz*vx-ux*vz,up=ux*vy-uy*vx;slope[number]=Math.acos(Math.min(1,Math.abs(up)/(Math.hypot(east,north,up)||
-1)))*180/Math.PI,azimuth[number]=(Math.atan2(east,north)*180/Math.PI+360)%360}return{slope,azimuth}}var repeated=(numbers,times)=>{let out=new Uint32Array(numbers.
-length*times);for(let place=0;place<out.length;place++)out[place]=numbers[Math.floor(place/times)];return out};function terrainMesh({rows,columns,cell,west,north,
-heights,epoch}){let position=new Float32Array(3*rows*columns),missing=place=>heights[place]>1e6;for(let row=0,place=0;row<rows;row++)for(let column2=0;column2<columns;column2++,
-place++)position.set([west+(column2+.5)*cell,north-(row+.5)*cell,missing(place)?0:heights[place]],3*place);let stops=(count,step)=>[...new Set([...Array(Math.ceil(
-count/step)).keys()].map(k=>k*step).concat(Math.max(0,count-1)))],details=[1,2,4,8].map(step=>{let indices=[],down=stops(rows,step),along=stops(columns,step);for(let i=0;i+
-1<down.length;i++)for(let j=0;j+1<along.length;j++){let[a,b,c,d]=[down[i]*columns+along[j],down[i+1]*columns+along[j],down[i]*columns+along[j+1],down[i+1]*columns+
-along[j+1]];!missing(a)&&!missing(b)&&!missing(c)&&!missing(d)&&indices.push(a,b,c,c,b,d)}return Uint32Array.from(indices)});return{position,details,epoch}}function boxOf(scene){
-let low=[1/0,1/0,1/0],high=[-1/0,-1/0,-1/0],grow=xyz=>{for(let place=0;place<xyz.length;place++)low[place%3]=Math.min(low[place%3],xyz[place]),high[place%3]=Math.
-max(high[place%3],xyz[place])};for(let ground of scene.grounds)grow(ground.position);return grow(scene.triangles.xyz),Number.isFinite(low[0])||grow(scene.points.
-xyz),Number.isFinite(low[0])?{low,high}:{low:[-5,-5,-5],high:[5,5,5]}}var modelOf=({building,epochs},number)=>3*building[number]+epochs[number];function spotsOf({
-prints,triangles,rows}){let spots=rows.map(()=>({low:[1/0,1/0,1/0],high:[-1/0,-1/0,-1/0]})),grow=(xyz,building,width)=>{for(let place=0;place<xyz.length;place++){
-let spot=spots[building[Math.floor(place/width)]-1],axis=place%3;spot.low[axis]=Math.min(spot.low[axis],xyz[place]),spot.high[axis]=Math.max(spot.high[axis],xyz[place])}};
-return grow(prints.xyz,prints.building,6),grow(triangles.xyz,triangles.building,9),spots}var BOX=255,NEAR=1500,NEAR_BUILDINGS=4e3,SQUARES_KEPT=40,SUNK=4,NO_TRIANGLES={xyz:new Float32Array(0),kind:new Uint8Array(0),epochs:new Uint8Array(0),count:0},settings=()=>page.
+place),place+=part[name].length;return[name,all]}))}function without(things,building){let runs=[],count=0;for(let number=0,begun=0;number<=things.count;number++)
+number<things.count&&things.building[number]!==building||(number>begun&&runs.push([begun,number]),count+=number-begun,begun=number+1);return Object.fromEntries(
+Object.entries(things).map(([name,values])=>{if(name==="count")return[name,count];if(!ArrayBuffer.isView(values))return[name,values];let all=values,width=all.length/
+Math.max(1,things.count),out=new all.constructor(width*count),place=0;for(let[from,to]of runs)out.set(all.subarray(width*from,width*to),place),place+=width*(to-
+from);return[name,out]}))}function shuffled(count){let order=Uint32Array.from({length:count},(_,place)=>place);for(let place=count-1,state=1;place>0;place--){state=
+Math.imul(state,1664525)+1013904223>>>0;let other=Math.floor(state/2**32*(place+1)),kept=order[place];order[place]=order[other],order[other]=kept}return order}function reordered(values,order,width){
+let out=new values.constructor(width*order.length);for(let place=0;place<order.length;place++)for(let k=0;k<width;k++)out[width*place+k]=values[width*order[place]+
+k];return out}function slopes({xyz,count}){let slope=new Float32Array(count),azimuth=new Float32Array(count);for(let number=0,at=0;number<count;number++,at+=9){
+let ux=xyz[at+3]-xyz[at],uy=xyz[at+4]-xyz[at+1],uz=xyz[at+5]-xyz[at+2],vx=xyz[at+6]-xyz[at],vy=xyz[at+7]-xyz[at+1],vz=xyz[at+8]-xyz[at+2],east=uy*vz-uz*vy,north=uz*
+vx-ux*vz,up=ux*vy-uy*vx;slope[number]=Math.acos(Math.min(1,Math.abs(up)/(Math.hypot(east,north,up)||1)))*180/Math.PI,azimuth[number]=(Math.atan2(east,north)*180/
+Math.PI+360)%360}return{slope,azimuth}}var repeated=(numbers,times)=>{let out=new Uint32Array(numbers.length*times);for(let place=0;place<out.length;place++)out[place]=
+numbers[Math.floor(place/times)];return out};function terrainMesh({rows,columns,cell,west,north,heights,epoch}){let position=new Float32Array(3*rows*columns),missing=place=>heights[place]>
+1e6;for(let row=0,place=0;row<rows;row++)for(let column2=0;column2<columns;column2++,place++)position.set([west+(column2+.5)*cell,north-(row+.5)*cell,missing(place)?
+0:heights[place]],3*place);let stops=(count,step)=>[...new Set([...Array(Math.ceil(count/step)).keys()].map(k=>k*step).concat(Math.max(0,count-1)))],details=[1,
+2,4,8].map(step=>{let indices=[],down=stops(rows,step),along=stops(columns,step);for(let i=0;i+1<down.length;i++)for(let j=0;j+1<along.length;j++){let[a,b,c,d]=[
+down[i]*columns+along[j],down[i+1]*columns+along[j],down[i]*columns+along[j+1],down[i+1]*columns+along[j+1]];!missing(a)&&!missing(b)&&!missing(c)&&!missing(d)&&
+indices.push(a,b,c,c,b,d)}return Uint32Array.from(indices)});return{position,details,epoch}}function boxOf(scene){let low=[1/0,1/0,1/0],high=[-1/0,-1/0,-1/0],grow=xyz=>{
+for(let place=0;place<xyz.length;place++)low[place%3]=Math.min(low[place%3],xyz[place]),high[place%3]=Math.max(high[place%3],xyz[place])};for(let ground of scene.
+grounds)grow(ground.position);return grow(scene.triangles.xyz),Number.isFinite(low[0])||grow(scene.points.xyz),Number.isFinite(low[0])?{low,high}:{low:[-5,-5,-5],
+high:[5,5,5]}}var modelOf=({building,epochs},number)=>3*building[number]+epochs[number];function spotsOf({prints,triangles,rows}){let spots=rows.map(()=>({low:[
+1/0,1/0,1/0],high:[-1/0,-1/0,-1/0]})),grow=(xyz,building,width)=>{for(let place=0;place<xyz.length;place++){let spot=spots[building[Math.floor(place/width)]-1],
+axis=place%3;spot.low[axis]=Math.min(spot.low[axis],xyz[place]),spot.high[axis]=Math.max(spot.high[axis],xyz[place])}};return grow(prints.xyz,prints.building,6),
+grow(triangles.xyz,triangles.building,9),spots}var BOX=255,NEAR=1500,NEAR_BUILDINGS=4e3,SQUARES_KEPT=40,SUNK=4,NO_TRIANGLES={xyz:new Float32Array(0),kind:new Uint8Array(0),epochs:new Uint8Array(0),count:0},settings=()=>page.
 city,fetched=async name=>{let answer=await fetch(`${settings().folder}/${name}.json`);if(!answer.ok)throw new Error(`${name}.json: the server answers with statu\
 s ${answer.status}`);return answer.json()},City=class _City{constructor(boxes){this.rows=Array.from(boxes.box_lod,()=>({id:""})),this.squares=settings().squares,
 this.scenes=new Map,this.near=[],this.busy=!1,this.viewer=null,this.corners=metres(boxes.box_xy),this.heights=metres(boxes.box_z),this.lods=boxes.box_lod,this.square=
@@ -325,11 +327,11 @@ this.viewer.choose(number,fly)}onChoose(done){this.choosers.push(done)}say(text)
 "fieldset",{id},element("legend",{},title));return byId("controls").prepend(box),box}async replace(number,packed,row){let{viewer}=this,{scene,table}=viewer,fresh=packed?
 readShapes(await unpackAll(packed)):null;if(viewer.city)throw new Error("a page that is loaded by squares changes no geometry");if(number<0&&(number=scene.rows.
 length,scene.rows.push({id:""}),viewer.all.splice(number,0,{id:""}),table?.add(number)),number>=scene.rows.length)throw new Error("this building is not drawn");
-row&&(scene.rows[number]=viewer.all[number]=row);let change={...scene};for(let name of["triangles","edges","prints"])fresh?.[name].building.fill(number+1),change[name]=
-joinThings([without(scene[name],number+1),...fresh?[fresh[name]]:[]]);return viewer.spots=spotsOf(change),viewer.load(change),packed||table?.remove(number),viewer.
-look.chosen===number+1?viewer.choose(packed?number:-1,!1):viewer.refresh(),table?.update(),number}};function made(name,attributes,text){let one=document.createElementNS(
-SVG2,name);for(let[key,value]of Object.entries(attributes))one.setAttribute(key,String(value));return text&&(one.textContent=text),one}function beginExtensions(tools){
-let begin=extension=>extension(tools),waiting=globalThis.window.eavesExtensions??[];window.eavesExtensions={push:begin};for(let extension of waiting)begin(extension)}var VERTEX=`#version 300 es
+return row&&(scene.rows[number]=viewer.all[number]=row),viewer.exchange(number,fresh),packed?table&&!table.order.includes(number)&&table.order.push(number):table?.
+remove(number),viewer.look.chosen===number+1&&packed?viewer.tell(number,!1):viewer.look.chosen===number+1&&viewer.choose(-1,!1),table?.update(),number}};function made(name,attributes,text){
+let one=document.createElementNS(SVG2,name);for(let[key,value]of Object.entries(attributes))one.setAttribute(key,String(value));return text&&(one.textContent=text),
+one}function beginExtensions(tools){let begin=extension=>extension(tools),waiting=globalThis.window.eavesExtensions??[];window.eavesExtensions={push:begin};for(let extension of waiting)
+begin(extension)}var VERTEX=`#version 300 es
 precision highp float;
 in vec3 position; in vec4 colour; in float building;
 uniform mat4 view; uniform float chosen, only, points, strength, fade; uniform vec3 mark, eye;
@@ -374,35 +376,36 @@ minor=!1,fades=!1,opacity=1}={}){let gl=this.gl,vao=gl.createVertexArray();gl.bi
 createBuffer();return buffers.push(buffer),gl.bindBuffer(gl.ARRAY_BUFFER,buffer),gl.bufferData(gl.ARRAY_BUFFER,data,gl.DYNAMIC_DRAW),gl.enableVertexAttribArray(
 place),gl.vertexAttribPointer(place,size,type,normalised,0,0),buffer};fill(0,position,3,gl.FLOAT,!1);let colour=fill(1,new Uint8Array(4*position.length/3),4,gl.
 UNSIGNED_BYTE,!0);fill(2,building,1,gl.UNSIGNED_INT,!1),gl.bindVertexArray(null);let mode={points:gl.POINTS,triangles:gl.TRIANGLES,lines:gl.LINES}[kind],layer={
-kind,mode,vao,buffers,colour,shaded,strength,minor,fades,opacity,pictured:!1,drawn:[],shown:new Uint32Array(0)};return this.layers.push(layer),layer}clear(){for(let{
-vao,buffers,drawn}of this.layers){this.gl.deleteVertexArray(vao);for(let buffer of[...buffers,...drawn.map(list=>list.buffer)])this.gl.deleteBuffer(buffer)}this.
-layers=[]}picture(image,lay2){let gl=this.gl;gl.deleteTexture(this.texture),gl.bindTexture(gl.TEXTURE_2D,this.texture=gl.createTexture()),gl.texImage2D(gl.TEXTURE_2D,
-0,gl.RGB8,gl.RGB,gl.UNSIGNED_BYTE,image),gl.generateMipmap(gl.TEXTURE_2D);for(let side of[gl.TEXTURE_WRAP_S,gl.TEXTURE_WRAP_T])gl.texParameteri(gl.TEXTURE_2D,side,
-gl.CLAMP_TO_EDGE);gl.texParameteri(gl.TEXTURE_2D,gl.TEXTURE_MIN_FILTER,gl.LINEAR_MIPMAP_LINEAR);let slanted=gl.getExtension("EXT_texture_filter_anisotropic");slanted&&
-gl.texParameteri(gl.TEXTURE_2D,slanted.TEXTURE_MAX_ANISOTROPY_EXT,8),this.lay=new Float32Array(lay2)}recolour(layer,colours){this.gl.bindBuffer(this.gl.ARRAY_BUFFER,
-layer.colour),this.gl.bufferData(this.gl.ARRAY_BUFFER,colours,this.gl.DYNAMIC_DRAW)}show(layer,...lists){let gl=this.gl;for(let{buffer}of layer.drawn)gl.deleteBuffer(
-buffer);gl.bindVertexArray(null),layer.drawn=lists.map(list=>{let buffer=gl.createBuffer();return gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER,buffer),gl.bufferData(gl.
-ELEMENT_ARRAY_BUFFER,list,gl.STATIC_DRAW),{buffer,count:list.length}}),layer.shown=lists[0]}pieces({points,ground,lines}){let pieces=[];for(let layer of this.layers){
-let list=layer.drawn[Math.min(ground,layer.drawn.length-1)];if(!list||layer.minor&&!lines)continue;let count=layer.kind==="points"?Math.min(points,list.count):list.
-count,grown=layer.kind==="points"?Math.min(2.2,Math.sqrt(list.count/Math.max(1,count))):1;for(let first=0;first<count;first+=9e4)pieces.push({layer,list,first,count:Math.
-min(9e4,count-first),grown})}return pieces}begin(camera,look,{scale,smooth},size){let gl=this.gl,uniform=this.uniform,ratio=scale*Math.min(2,window.devicePixelRatio||
-1),[width,height]=size??[this.canvas.clientWidth,this.canvas.clientHeight].map(side=>Math.max(1,Math.round(side*ratio)));this.target=this.targetOf(width,height,
-smooth?this.samples:0),gl.bindFramebuffer(gl.FRAMEBUFFER,this.target.frame),gl.viewport(0,0,width,height),gl.depthMask(!0);let[red,green,blue]=look.background;gl.
-clearColor(red,green,blue,1),gl.clear(gl.COLOR_BUFFER_BIT|gl.DEPTH_BUFFER_BIT),gl.enable(gl.DEPTH_TEST),gl.depthFunc(gl.LEQUAL),gl.useProgram(this.program),gl.uniformMatrix4fv(
-uniform.view,!1,camera.matrix(width/height)),gl.uniform3fv(uniform.eye,camera.eye()),gl.uniform1f(uniform.chosen,look.chosen),gl.uniform1f(uniform.only,look.only?
-1:0),gl.uniform1f(uniform.split,look.split*width),gl.uniform3fv(uniform.mark,look.mark),this.spot=look.pointSize/camera.step(height),this.fade=Math.min(1,Math.max(
-.2,.16/camera.step(this.canvas.clientHeight))),this.far=camera.flat?0:camera.distance}draw({layer,list,first,count,grown}){let gl=this.gl,uniform=this.uniform,spot=this.
-spot*grown,points=layer.kind!=="points"?0:this.far?spot*this.far:-Math.min(11,Math.max(1.5,spot));gl.uniform1f(uniform.points,points),gl.uniform1f(uniform.shaded,
-layer.shaded?1:0),gl.uniform1f(uniform.strength,layer.strength),gl.uniform1f(uniform.fade,layer.fades?this.fade:layer.opacity),gl.uniform1f(uniform.pictured,layer.
-pictured?1:0),layer.pictured&&this.lay&&gl.uniform3fv(uniform.lay,this.lay),gl.depthMask(layer.opacity===1),layer.fades||layer.opacity<1?(gl.enable(gl.BLEND),gl.
-blendFunc(gl.SRC_ALPHA,gl.ONE_MINUS_SRC_ALPHA)):gl.disable(gl.BLEND),layer.kind==="triangles"?(gl.enable(gl.POLYGON_OFFSET_FILL),gl.polygonOffset(1.5,2)):gl.disable(
-gl.POLYGON_OFFSET_FILL),gl.bindVertexArray(layer.vao),gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER,list.buffer),gl.drawElements(layer.mode,count,gl.UNSIGNED_INT,4*first),
-gl.bindVertexArray(null)}present(){let gl=this.gl,{canvas}=this,{frame,width,height}=this.target;(canvas.width!==width||canvas.height!==height)&&Object.assign(canvas,
-{width,height}),gl.bindFramebuffer(gl.READ_FRAMEBUFFER,frame),gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER,null),gl.blitFramebuffer(0,0,width,height,0,0,width,height,
-gl.COLOR_BUFFER_BIT,gl.NEAREST),gl.bindFramebuffer(gl.FRAMEBUFFER,null)}async finished(){let gl=this.gl,sync=gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE,0);for(gl.
-flush();sync&&gl.clientWaitSync(sync,0,0)===gl.TIMEOUT_EXPIRED;)await new Promise(done=>setTimeout(done,1));gl.deleteSync(sync)}targetOf(width,height,samples){let gl=this.
-gl,old=this.targets.get(samples);if(old&&old.width===width&&old.height===height)return old;if(old){gl.deleteFramebuffer(old.frame);for(let buffer of old.buffers)
-gl.deleteRenderbuffer(buffer)}let frame=gl.createFramebuffer(),buffers=[];gl.bindFramebuffer(gl.FRAMEBUFFER,frame);for(let[place,format]of[[gl.COLOR_ATTACHMENT0,
+kind,mode,vao,buffers,colour,shaded,strength,minor,fades,opacity,pictured:!1,drawn:[],shown:new Uint32Array(0)};return this.layers.push(layer),layer}refill({buffers},position,building){
+let gl=this.gl;for(let[buffer,data]of[[buffers[0],position],[buffers[2],building]])gl.bindBuffer(gl.ARRAY_BUFFER,buffer),gl.bufferData(gl.ARRAY_BUFFER,data,gl.DYNAMIC_DRAW)}clear(){
+for(let{vao,buffers,drawn}of this.layers){this.gl.deleteVertexArray(vao);for(let buffer of[...buffers,...drawn.map(list=>list.buffer)])this.gl.deleteBuffer(buffer)}
+this.layers=[]}picture(image,lay2){let gl=this.gl;gl.deleteTexture(this.texture),gl.bindTexture(gl.TEXTURE_2D,this.texture=gl.createTexture()),gl.texImage2D(gl.
+TEXTURE_2D,0,gl.RGB8,gl.RGB,gl.UNSIGNED_BYTE,image),gl.generateMipmap(gl.TEXTURE_2D);for(let side of[gl.TEXTURE_WRAP_S,gl.TEXTURE_WRAP_T])gl.texParameteri(gl.TEXTURE_2D,
+side,gl.CLAMP_TO_EDGE);gl.texParameteri(gl.TEXTURE_2D,gl.TEXTURE_MIN_FILTER,gl.LINEAR_MIPMAP_LINEAR);let slanted=gl.getExtension("EXT_texture_filter_anisotropic");
+slanted&&gl.texParameteri(gl.TEXTURE_2D,slanted.TEXTURE_MAX_ANISOTROPY_EXT,8),this.lay=new Float32Array(lay2)}recolour(layer,colours){this.gl.bindBuffer(this.gl.
+ARRAY_BUFFER,layer.colour),this.gl.bufferData(this.gl.ARRAY_BUFFER,colours,this.gl.DYNAMIC_DRAW)}show(layer,...lists){let gl=this.gl;for(let{buffer}of layer.drawn)
+gl.deleteBuffer(buffer);gl.bindVertexArray(null),layer.drawn=lists.map(list=>{let buffer=gl.createBuffer();return gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER,buffer),
+gl.bufferData(gl.ELEMENT_ARRAY_BUFFER,list,gl.STATIC_DRAW),{buffer,count:list.length}}),layer.shown=lists[0]}pieces({points,ground,lines}){let pieces=[];for(let layer of this.
+layers){let list=layer.drawn[Math.min(ground,layer.drawn.length-1)];if(!list||layer.minor&&!lines)continue;let count=layer.kind==="points"?Math.min(points,list.
+count):list.count,grown=layer.kind==="points"?Math.min(2.2,Math.sqrt(list.count/Math.max(1,count))):1;for(let first=0;first<count;first+=9e4)pieces.push({layer,
+list,first,count:Math.min(9e4,count-first),grown})}return pieces}begin(camera,look,{scale,smooth},size){let gl=this.gl,uniform=this.uniform,ratio=scale*Math.min(
+2,window.devicePixelRatio||1),[width,height]=size??[this.canvas.clientWidth,this.canvas.clientHeight].map(side=>Math.max(1,Math.round(side*ratio)));this.target=
+this.targetOf(width,height,smooth?this.samples:0),gl.bindFramebuffer(gl.FRAMEBUFFER,this.target.frame),gl.viewport(0,0,width,height),gl.depthMask(!0);let[red,green,
+blue]=look.background;gl.clearColor(red,green,blue,1),gl.clear(gl.COLOR_BUFFER_BIT|gl.DEPTH_BUFFER_BIT),gl.enable(gl.DEPTH_TEST),gl.depthFunc(gl.LEQUAL),gl.useProgram(
+this.program),gl.uniformMatrix4fv(uniform.view,!1,camera.matrix(width/height)),gl.uniform3fv(uniform.eye,camera.eye()),gl.uniform1f(uniform.chosen,look.chosen),
+gl.uniform1f(uniform.only,look.only?1:0),gl.uniform1f(uniform.split,look.split*width),gl.uniform3fv(uniform.mark,look.mark),this.spot=look.pointSize/camera.step(
+height),this.fade=Math.min(1,Math.max(.2,.16/camera.step(this.canvas.clientHeight))),this.far=camera.flat?0:camera.distance}draw({layer,list,first,count,grown}){
+let gl=this.gl,uniform=this.uniform,spot=this.spot*grown,points=layer.kind!=="points"?0:this.far?spot*this.far:-Math.min(11,Math.max(1.5,spot));gl.uniform1f(uniform.
+points,points),gl.uniform1f(uniform.shaded,layer.shaded?1:0),gl.uniform1f(uniform.strength,layer.strength),gl.uniform1f(uniform.fade,layer.fades?this.fade:layer.
+opacity),gl.uniform1f(uniform.pictured,layer.pictured?1:0),layer.pictured&&this.lay&&gl.uniform3fv(uniform.lay,this.lay),gl.depthMask(layer.opacity===1),layer.fades||
+layer.opacity<1?(gl.enable(gl.BLEND),gl.blendFunc(gl.SRC_ALPHA,gl.ONE_MINUS_SRC_ALPHA)):gl.disable(gl.BLEND),layer.kind==="triangles"?(gl.enable(gl.POLYGON_OFFSET_FILL),
+gl.polygonOffset(1.5,2)):gl.disable(gl.POLYGON_OFFSET_FILL),gl.bindVertexArray(layer.vao),gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER,list.buffer),gl.drawElements(layer.
+mode,count,gl.UNSIGNED_INT,4*first),gl.bindVertexArray(null)}present(){let gl=this.gl,{canvas}=this,{frame,width,height}=this.target;(canvas.width!==width||canvas.
+height!==height)&&Object.assign(canvas,{width,height}),gl.bindFramebuffer(gl.READ_FRAMEBUFFER,frame),gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER,null),gl.blitFramebuffer(
+0,0,width,height,0,0,width,height,gl.COLOR_BUFFER_BIT,gl.NEAREST),gl.bindFramebuffer(gl.FRAMEBUFFER,null)}async finished(){let gl=this.gl,sync=gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE,
+0);for(gl.flush();sync&&gl.clientWaitSync(sync,0,0)===gl.TIMEOUT_EXPIRED;)await new Promise(done=>setTimeout(done,1));gl.deleteSync(sync)}targetOf(width,height,samples){
+let gl=this.gl,old=this.targets.get(samples);if(old&&old.width===width&&old.height===height)return old;if(old){gl.deleteFramebuffer(old.frame);for(let buffer of old.
+buffers)gl.deleteRenderbuffer(buffer)}let frame=gl.createFramebuffer(),buffers=[];gl.bindFramebuffer(gl.FRAMEBUFFER,frame);for(let[place,format]of[[gl.COLOR_ATTACHMENT0,
 gl.RGB8],[gl.DEPTH_ATTACHMENT,gl.DEPTH_COMPONENT24]]){let buffer=gl.createRenderbuffer();gl.bindRenderbuffer(gl.RENDERBUFFER,buffer),gl.renderbufferStorageMultisample(
 gl.RENDERBUFFER,samples,format,width,height),gl.framebufferRenderbuffer(gl.FRAMEBUFFER,place,gl.RENDERBUFFER,buffer),buffers.push(buffer)}let target={frame,buffers,
 width,height};return this.targets.set(samples,target),target}};var TILE=256,MOST_TILES=144,WIDEST=16,FINEST_ZOOM=19,OSM_CREDIT="© OpenStreetMap contributors",lay=()=>page.world,Network=class _Network{constructor(viewer){this.
@@ -476,56 +479,64 @@ row.id,verdict):this.said.delete(this.row.id);let link=byId("verdicts"),count=th
 URL.createObjectURL(new Blob([this.text()],{type:"text/csv"})),link.textContent=`Save ${count} verdict${count>1?"s":""} (verdicts.csv)`}text(){let quoted=text=>`\
 "${String(text).replaceAll('"','""')}"`;return["id,verdict",...[...this.said].map(pair=>pair.map(quoted).join())].join(`\r
 `)+`\r
-`}};var OTHER_OPACITY=.45;function finestOf({triangles,rows}){let finest=new Uint8Array(3*(rows.length+1));for(let number=0;number<triangles.count;number++){let model=modelOf(
-triangles,number);finest[model]=Math.max(finest[model],triangles.lod[number])}return finest}var Viewer=class{constructor(scene,all){this.all=all,this.table=null,
-this.city=null,this.origin=page.origin,this.quarter=-1;let canvas=this.canvas=byId("scene");this.camera=new Camera(boxOf(scene),canvas.clientWidth/Math.max(1,canvas.
-clientHeight)),this.painter=new Painter(canvas),this.pace=new Pace(this.painter,()=>this.before(),quality=>this.after(quality)),this.look={background:[1,1,1],mark:[
-1,.6,0],chosen:0,only:!1,pointSize:.35,split:0},this.spots=spotsOf(scene),this.scene=scene,this.layers=this.layersOf(scene),this.finest=finestOf(scene),this.ruler=
-new Ruler(this),this.profile=new Profile(this),this.verdicts=new Verdicts,this.epochs=new Epochs(this),this.network=new Network(this),this.tools=new Tools(this),
-new ResizeObserver(()=>this.ask()).observe(canvas),matchMedia("(prefers-color-scheme: dark)").addEventListener("change",()=>this.refresh())}load(scene){this.painter.
-clear(),this.scene=scene,this.layers=this.layersOf(scene),this.finest=finestOf(scene)}layersOf({points,triangles,edges,prints,grounds}){let{painter}=this;return{
-grounds:grounds.map(({position})=>painter.add("triangles",position,new Uint32Array(position.length/3),{shaded:!0})),models:painter.add("triangles",triangles.xyz,
-repeated(triangles.building,3),{shaded:!0,strength:.25}),edges:painter.add("lines",edges.xyz,repeated(edges.building,2),{strength:1,minor:!0,fades:!0}),prints:painter.
-add("lines",prints.xyz,repeated(prints.building,2),{strength:1,minor:!0}),points:painter.add("points",points.xyz,Uint32Array.from(points.building)),other:painter.
-add("points",points.xyz,new Uint32Array(points.count),{opacity:OTHER_OPACITY})}}async addImage(address){let image=new Image,{rows,columns,cell,west,north}=page.
-terrain,[wide,tall]=[columns*cell,rows*cell];image.src=address,await image.decode(),this.painter.picture(image,[-west/wide,1/wide,0,0,0,0,north/tall,0,-1/tall,0,
-0,0]),frameOf("basemap").hidden=!1}checked(name){return field(name).checked}refresh(){let{scene,painter,layers}=this,{points,triangles,edges,prints,grounds}=scene,
-style=getComputedStyle(document.documentElement),shade=name=>bytes(style.getPropertyValue(name).trim());this.look.background=shade("--sky").map(value=>value/255),
-this.look.mark=shade("--mark").map(value=>value/255),this.look.only=this.checked("only");let size=Number(field("size").value);this.look.pointSize=.35*size;let dress=(layer,{
-epochs,count},width,colour,bright=null)=>{let colours=new Uint8Array(4*count*width),list=new Uint32Array(count*width),end=0;for(let number=0;number<count;number++){
-let answer=colour(number);if(answer)for(let vertex=number*width;vertex<(number+1)*width;vertex++){let light=bright?bright(vertex,number):1;for(let band=0;band<3;band++)
-colours[4*vertex+band]=light*answer[band];colours[4*vertex+3]=epochs[number],list[end++]=vertex}}painter.recolour(layer,colours),painter.show(layer,list.slice(0,
-end))},earth=shade("--earth"),line=shade("--line"),outline=shade("--outline");layers.grounds.forEach((layer,place)=>{let{position,light,details,epoch}=grounds[place],
-count=position.length/3;layer.pictured=!!painter.lay&&this.checked("basemap"),dress(layer,{epochs:new Uint8Array(count).fill(epoch),count},1,()=>layer.pictured?
-[255,255,255]:earth,vertex=>this.look.only?1:light[vertex]),painter.show(layer,...this.checked("ground")?details:[new Uint32Array(0)])});let pointWay=pointColours(
-field("point-colour").value,scene),[on,under,other]=["points-building","points-ground","points-other"].map(name=>this.checked(name)),foreign=number=>!points.building[number]&&
-points.classification[number]!==2;dress(layers.points,points,1,number=>!foreign(number)&&(points.building[number]?on||points.building[number]===this.look.chosen:
-under)?pointWay.at(number):null),dress(layers.other,points,1,number=>foreign(number)&&other&&!this.look.only&&!points.over[number]?pointWay.at(number):null);let wantedLod=page.
-lods.indexOf(field("lod").value),shown=(things,number)=>things.lod[number]===BOX||things.lod[number]===(wantedLod<0?this.finest[modelOf(things,number)]:wantedLod),
-modelWay=modelColours(field("model-colour").value,scene),[roofs,walls]=[this.checked("roofs"),this.checked("walls")],red=bytes(LOD_COLOURS.none);dress(layers.models,
-triangles,3,number=>{let row=triangles.building[number],kind=triangles.kind[number];return!shown(triangles,number)||!(kind===2?roofs:walls)?null:triangles.lod[number]===
-0&&wantedLod<0&&page.modelled?red:modelWay.at(number,row-1)},(vertex,number)=>triangles.kind[number]===1?wallShade(triangles.xyz[3*vertex+2]-this.spots[triangles.
-building[number]-1].low[2]):1),this.city&&painter.show(layers.models,layers.models.shown,layers.models.shown,layers.models.shown.filter(vertex=>triangles.lod[Math.
-floor(vertex/3)]!==BOX||triangles.kind[Math.floor(vertex/3)]===2)),dress(layers.edges,edges,2,number=>this.checked("edges")&&edges.lod[number]>0&&shown(edges,number)?
-line:null),dress(layers.prints,prints,2,()=>this.checked("prints")?outline:null),legend(byId("point-legend"),layers.points.shown.length+layers.other.shown.length?
-pointWay.legend:{text:"no points are shown"}),legend(byId("model-legend"),modelWay.legend),this.ask()}ask(){this.pace.ask()}address(){return addressOf(this)}obeyAddress(hash){
-obeyAddress(this,hash)}before(){return this.camera.aspect=this.canvas.clientWidth/Math.max(1,this.canvas.clientHeight),this.look.split=this.epochs.share(),[this.
-camera,this.look]}after(quality){let counts=[this.layers.points,this.layers.other].map(layer=>layer.shown.length),sum=(one,two)=>one+two,here=counts.reduce(sum),
-drawn=counts.map(count=>Math.min(count,QUALITIES[quality].points)).reduce(sum);byId("moving").hidden=!quality,quality&&(byId("moving").textContent=`While it mov\
-es: ${drawn<here?`${drawn.toLocaleString("en")} of ${here.toLocaleString("en")} points, `:""}coarser ground${QUALITIES[quality].lines?"":", no lines"}, lower re\
-solution`),this.measure(),!quality&&this.city&&this.city.look()}measure(){let step=this.camera.step(this.canvas.clientHeight),rough=120*step,power=10**Math.floor(
-Math.log10(rough)),length=[5,2,1].map(times=>times*power).find(value=>value<=rough)||power;byId("scale").style.width=`${length/step}px`,byId("scale").textContent=
-`${length<1?length.toFixed(1):length} m`,this.ruler.draw(),this.tools.draw(),byId("needle").style.transform=`rotate(${this.camera.azimuth}rad)`}fly(place){let{low,
-high}=boxOf(this.scene),there=place.every((value,axis)=>value>=low[axis]&&value<=high[axis]);byId("answer").textContent=there?"at these coordinates":"these coor\
-dinates lie outside of what is shown",there&&(this.camera.flyTo([...place,this.camera.target[2]],15),this.refresh())}describe(number){describe(byId("building"),
-this.all[number],number,this.scene)}choose(number,fly=!0){let row=this.all[number],spot=this.spots[number];if(this.look.chosen=spot?number+1:0,byId("building").
-hidden=!row,byId("hint").hidden=!!row,this.verdicts.choose(row),field("find").value=row?row.id:"",document.documentElement.dataset.chosen=row?row.id:"",row){this.
-describe(number);let side=byId("controls"),top=byId("building").offsetTop-side.offsetTop;if(top>side.scrollTop+side.clientHeight-200&&(side.scrollTop=top-8),byId(
-"status").textContent=`building ${row.id} chosen${spot?"":", which is not drawn"}`,fly&&spot&&Number.isFinite(spot.low[0])){let{low,high}=spot;this.camera.flyTo(
-low.map((value,axis)=>(value+high[axis])/2),Math.hypot(high[0]-low[0],high[1]-low[1],high[2]-low[2])/2)}}this.table?.mark(row?number:-1);for(let done of this.tools?.
-choosers??[])done(row?number:-1,row);this.refresh()}view(name){let{camera,look}=this;name==="above"?camera.above(!look.chosen):name==="side"?camera.side(this.quarter=
-(this.quarter+1)%4):name==="north"?camera.azimuth=0:name==="oblique"?Object.assign(camera,{flat:!1,elevation:.75}):(camera.reset(),this.quarter=-1),name==="side"&&
-look.chosen&&this.choose(look.chosen-1),this.ask()}};var NAMES_OFFERED=4e3;async function start(){let viewer=null,city=null,all=[];try{city=page.city?await City.open():null,all=city?city.rows:page.rows.concat(await unpackRows(
+`}};var OTHER_OPACITY=.45;function finestOf({triangles,rows},known){let finest=new Uint8Array(3*(rows.length+1));known&&finest.set(known);for(let number=0;number<triangles.
+count;number++){let model=modelOf(triangles,number);finest[model]=Math.max(finest[model],triangles.lod[number])}return finest}var shade=name=>bytes(getComputedStyle(
+document.documentElement).getPropertyValue(name).trim()),Viewer=class{constructor(scene,all){this.all=all,this.table=null,this.city=null,this.origin=page.origin,
+this.quarter=-1;let canvas=this.canvas=byId("scene");this.camera=new Camera(boxOf(scene),canvas.clientWidth/Math.max(1,canvas.clientHeight)),this.painter=new Painter(
+canvas),this.pace=new Pace(this.painter,()=>this.before(),quality=>this.after(quality)),this.look={background:[1,1,1],mark:[1,.6,0],chosen:0,only:!1,pointSize:.35,
+split:0},this.spots=spotsOf(scene),this.scene=scene,this.layers=this.layersOf(scene),this.finest=finestOf(scene),this.scale="",this.ruler=new Ruler(this),this.profile=
+new Profile(this),this.verdicts=new Verdicts,this.epochs=new Epochs(this),this.network=new Network(this),this.tools=new Tools(this),new ResizeObserver(()=>this.
+ask()).observe(canvas),matchMedia("(prefers-color-scheme: dark)").addEventListener("change",()=>this.refresh())}load(scene){this.painter.clear(),this.scene=scene,
+this.layers=this.layersOf(scene),this.finest=finestOf(scene)}exchange(number,fresh){let{scene,layers,painter}=this,first={triangles:0,edges:0,prints:0};for(let[
+name,layer,width]of[["triangles",layers.models,3],["edges",layers.edges,2],["prints",layers.prints,2]]){let others=without(scene[name],number+1),own=fresh?.[name];
+own?.building.fill(number+1),scene[name]=own?joinThings([others,{...own,dressed:new Uint8Array(4*width*own.count),seen:new Uint8Array(own.count)}]):others,first[name]=
+others.count,painter.refill(layer,scene[name].xyz,repeated(scene[name].building,width))}let{rows}=scene,none={xyz:new Float32Array(0),building:new Uint32Array(0),
+count:0},alone={rows,prints:fresh?.prints??none,triangles:fresh?.triangles??none};this.spots[number]=spotsOf(alone)[number],this.finest.fill(0,3*(number+1),3*(number+
+2)),this.finest=finestOf(alone,this.finest),this.dressShapes(first),this.ask()}layersOf({points,triangles,edges,prints,grounds}){let{painter}=this;return{grounds:grounds.
+map(({position})=>painter.add("triangles",position,new Uint32Array(position.length/3),{shaded:!0})),models:painter.add("triangles",triangles.xyz,repeated(triangles.
+building,3),{shaded:!0,strength:.25}),edges:painter.add("lines",edges.xyz,repeated(edges.building,2),{strength:1,minor:!0,fades:!0}),prints:painter.add("lines",
+prints.xyz,repeated(prints.building,2),{strength:1,minor:!0}),points:painter.add("points",points.xyz,Uint32Array.from(points.building)),other:painter.add("point\
+s",points.xyz,new Uint32Array(points.count),{opacity:OTHER_OPACITY})}}async addImage(address){let image=new Image,{rows,columns,cell,west,north}=page.terrain,[wide,
+tall]=[columns*cell,rows*cell];image.src=address,await image.decode(),this.painter.picture(image,[-west/wide,1/wide,0,0,0,0,north/tall,0,-1/tall,0,0,0]),frameOf(
+"basemap").hidden=!1}checked(name){return field(name).checked}refresh(){let{scene,painter,layers}=this,{points,grounds}=scene;this.look.background=shade("--sky").
+map(value=>value/255),this.look.mark=shade("--mark").map(value=>value/255),this.look.only=this.checked("only");let size=Number(field("size").value);this.look.pointSize=
+.35*size;let earth=shade("--earth");layers.grounds.forEach((layer,place)=>{let{position,light,details,epoch}=grounds[place],count2=position.length/3;layer.pictured=
+!!painter.lay&&this.checked("basemap"),this.dress(layer,{epochs:new Uint8Array(count2).fill(epoch),count:count2},1,()=>layer.pictured?[255,255,255]:earth,vertex=>this.
+look.only?1:light[vertex]),painter.show(layer,...this.checked("ground")?details:[new Uint32Array(0)])});let pointWay=pointColours(field("point-colour").value,scene),
+[on,under,other]=["points-building","points-ground","points-other"].map(name=>this.checked(name)),foreign=number=>!points.building[number]&&points.classification[number]!==
+2,{epochs,count}=points;this.dress(layers.points,{epochs,count},1,number=>!foreign(number)&&(points.building[number]?on||points.building[number]===this.look.chosen:
+under)?pointWay.at(number):null),this.dress(layers.other,{epochs,count},1,number=>foreign(number)&&other&&!this.look.only&&!points.over[number]?pointWay.at(number):
+null),this.dressShapes(),legend(byId("point-legend"),layers.points.shown.length+layers.other.shown.length?pointWay.legend:{text:"no points are shown"}),this.ask()}dressShapes(first={
+triangles:0,edges:0,prints:0}){let{scene,painter,layers}=this,{triangles,edges,prints}=scene,line=shade("--line"),outline=shade("--outline"),wantedLod=page.lods.
+indexOf(field("lod").value),shown=(things,number)=>things.lod[number]===BOX||things.lod[number]===(wantedLod<0?this.finest[modelOf(things,number)]:wantedLod),modelWay=modelColours(
+field("model-colour").value,scene),scale=JSON.stringify(modelWay.legend);scale!==this.scale&&Object.assign(first,{triangles:0}),this.scale=scale;let[roofs,walls]=[
+this.checked("roofs"),this.checked("walls")],red=bytes(LOD_COLOURS.none);this.dress(layers.models,triangles,3,number=>{let row=triangles.building[number],kind=triangles.
+kind[number];return!shown(triangles,number)||!(kind===2?roofs:walls)?null:triangles.lod[number]===0&&wantedLod<0&&page.modelled?red:modelWay.at(number,row-1)},(vertex,number)=>triangles.
+kind[number]===1?wallShade(triangles.xyz[3*vertex+2]-this.spots[triangles.building[number]-1].low[2]):1,first.triangles),this.city&&painter.show(layers.models,layers.
+models.shown,layers.models.shown,layers.models.shown.filter(vertex=>triangles.lod[Math.floor(vertex/3)]!==BOX||triangles.kind[Math.floor(vertex/3)]===2)),this.dress(
+layers.edges,edges,2,number=>this.checked("edges")&&edges.lod[number]>0&&shown(edges,number)?line:null,null,first.edges),this.dress(layers.prints,prints,2,()=>this.
+checked("prints")?outline:null,null,first.prints),legend(byId("model-legend"),modelWay.legend)}dress(layer,things,width,colour,bright=null,first=0){let{epochs,count}=things;
+first||Object.assign(things,{dressed:new Uint8Array(4*count*width),seen:new Uint8Array(count)});let dressed=things.dressed,seen=things.seen,list=new Uint32Array(
+count*width),end=0;for(let number=0;number<count;number++){let answer=number>=first?colour(number):null;if(answer){seen[number]=1;for(let vertex=number*width;vertex<
+(number+1)*width;vertex++){let light=bright?bright(vertex,number):1;for(let band=0;band<3;band++)dressed[4*vertex+band]=light*answer[band];dressed[4*vertex+3]=epochs[number]}}
+if(seen[number])for(let vertex=number*width;vertex<(number+1)*width;vertex++)list[end++]=vertex}this.painter.recolour(layer,dressed),this.painter.show(layer,list.
+slice(0,end))}ask(){this.pace.ask()}address(){return addressOf(this)}obeyAddress(hash){obeyAddress(this,hash)}before(){return this.camera.aspect=this.canvas.clientWidth/
+Math.max(1,this.canvas.clientHeight),this.look.split=this.epochs.share(),[this.camera,this.look]}after(quality){let counts=[this.layers.points,this.layers.other].
+map(layer=>layer.shown.length),sum=(one,two)=>one+two,here=counts.reduce(sum),drawn=counts.map(count=>Math.min(count,QUALITIES[quality].points)).reduce(sum);byId(
+"moving").hidden=!quality,quality&&(byId("moving").textContent=`While it moves: ${drawn<here?`${drawn.toLocaleString("en")} of ${here.toLocaleString("en")} poin\
+ts, `:""}coarser ground${QUALITIES[quality].lines?"":", no lines"}, lower resolution`),this.measure(),!quality&&this.city&&this.city.look()}measure(){let step=this.
+camera.step(this.canvas.clientHeight),rough=120*step,power=10**Math.floor(Math.log10(rough)),length=[5,2,1].map(times=>times*power).find(value=>value<=rough)||power;
+byId("scale").style.width=`${length/step}px`,byId("scale").textContent=`${length<1?length.toFixed(1):length} m`,this.ruler.draw(),this.tools.draw(),byId("needle").
+style.transform=`rotate(${this.camera.azimuth}rad)`}fly(place){let{low,high}=boxOf(this.scene),there=place.every((value,axis)=>value>=low[axis]&&value<=high[axis]);
+byId("answer").textContent=there?"at these coordinates":"these coordinates lie outside of what is shown",there&&(this.camera.flyTo([...place,this.camera.target[2]],
+15),this.refresh())}describe(number){describe(byId("building"),this.all[number],number,this.scene)}choose(number,fly=!0){this.tell(number,fly),this.refresh()}tell(number,fly){
+let row=this.all[number],spot=this.spots[number];if(this.look.chosen=spot?number+1:0,byId("building").hidden=!row,byId("hint").hidden=!!row,this.verdicts.choose(
+row),field("find").value=row?row.id:"",document.documentElement.dataset.chosen=row?row.id:"",row){this.describe(number);let side=byId("controls"),top=byId("buil\
+ding").offsetTop-side.offsetTop;if(top>side.scrollTop+side.clientHeight-200&&(side.scrollTop=top-8),byId("status").textContent=`building ${row.id} chosen${spot?
+"":", which is not drawn"}`,fly&&spot&&Number.isFinite(spot.low[0])){let{low,high}=spot;this.camera.flyTo(low.map((value,axis)=>(value+high[axis])/2),Math.hypot(
+high[0]-low[0],high[1]-low[1],high[2]-low[2])/2)}}this.table?.mark(row?number:-1);for(let done of this.tools?.choosers??[])done(row?number:-1,row)}view(name){let{
+camera,look}=this;name==="above"?camera.above(!look.chosen):name==="side"?camera.side(this.quarter=(this.quarter+1)%4):name==="north"?camera.azimuth=0:name==="o\
+blique"?Object.assign(camera,{flat:!1,elevation:.75}):(camera.reset(),this.quarter=-1),name==="side"&&look.chosen&&this.choose(look.chosen-1),this.ask()}};var NAMES_OFFERED=4e3;async function start(){let viewer=null,city=null,all=[];try{city=page.city?await City.open():null,all=city?city.rows:page.rows.concat(await unpackRows(
 page.others))}catch(error){return trouble(error)}let rows=city?all:page.rows;try{viewer=new Viewer(city?city.scene():{...readScene(await unpackAll(page.arrays)),
 rows},all),page.basemap&&await viewer.addImage(page.basemap),city&&await city.follow(viewer),listenToCanvas(viewer),listenToControls(viewer),listenToPrint(viewer),
 keepAddress(viewer),obeyAddress(viewer),window.eaves=viewer,addEventListener("hashchange",()=>obeyAddress(window.eaves)),await viewer.pace.first()}catch(error){

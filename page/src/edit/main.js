@@ -168,7 +168,8 @@ const remove = () => view.chosen ? act({ do: 'delete', id: view.chosen }) : say(
 const KEYS = /** @type {Record<string, [string, () => unknown]>} */ ({
   y: ['right', right], j: ['next', () => next(1)], k: ['back', () => go(place - 1)], x: ['skip', () => go(place + 1)],
   c: ['corners', () => tools.use('corners')], d: ['rectangle', () => tools.use('rectangle')], g: ['polygon', () => tools.use('polygon')],
-  t: ['split', () => tools.use('split')], b: ['join', () => tools.use('join')], Delete: ['delete', remove],
+  v: ['split', () => tools.use('split')], b: ['join', () => tools.use('join')], e: ['carry on', () => tools.use('carry')], Delete: ['delete', remove],
+  i: ['ridge', () => tools.use('ridge')], f: ['one face', () => tools.use('unite')], q: ['dormer', () => tools.use('dormer')],
   1: ['coarser', () => state('coarser roof')], 2: ['of points', () => state('roof of points')], 3: ['finer', () => state('finer roof')], w: ['three roofs', choices],
   4: ['flat', () => state('flat roof')], 5: ['gable', () => state('gable roof')], 6: ['hip', () => state('hip roof')],
   7: ['base height', () => height('base height', 'h_ground')], 8: ['eaves height', () => height('eaves height', 'h_eaves')],

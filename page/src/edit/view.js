@@ -2,9 +2,9 @@
 // All that the tools know of the page's viewer is in this file.
 
 /** @typedef {import('./geometry.js').Place} Place */
-/** @typedef {import('../../../../page/src/tools.js').Tools} Tools */
-/** @typedef {import('../../../../page/src/types.js').Row} Row */
-/** @typedef {import('../../../../page/src/types.js').Packed} Packed */
+/** @typedef {import('../tools.js').Tools} Tools */
+/** @typedef {import('../types.js').Row} Row */
+/** @typedef {import('../types.js').Packed} Packed */
 
 const SVG = 'http://www.w3.org/2000/svg';
 /** @param {string} name */
@@ -24,7 +24,7 @@ export class View {
     this.viewer = /** @type {any} */ (page.viewer);
     this.canvas = /** @type {HTMLCanvasElement} */ (byId('scene'));
     this.sheet = document.createElementNS(SVG, 'svg');
-    this.sheet.id = 'sheet';
+    this.sheet.id = 'table-sheet';
     this.canvas.after(this.sheet);
     /** @type {() => void} */
     this.draw = () => {};
@@ -95,6 +95,16 @@ export class View {
     return near;
   }
 
+  /** The ends [x, y, z] of the edges of a building's finest model.
+   * @param {string} id
+   * @returns {[number, number, number][][]} */
+  edges(id) {
+    const { xyz, building, lod, count } = this.viewer.scene.edges, number = this.number(id) + 1, own = /** @type {number[]} */ ([]);
+    for (let edge = 0; edge < count; edge++) if (building[edge] === number) own.push(edge);
+    const finest = Math.max(...own.map(edge => lod[edge]));
+    return own.filter(edge => lod[edge] === finest).map(edge => [0, 3].map(end => /** @type {[number, number, number]} */ ([0, 1, 2].map(axis => xyz[6 * edge + end + axis]))));
+  }
+
   /** Puts shapes on the sheet: rings and lines of places at a height, circles at places, words.
    * @param {{ line?: Place[], closed?: boolean, at?: Place, text?: string, z: number, kind: string, data?: Record<string, string | number> }[]} shapes */
   show(shapes) {
@@ -114,12 +124,7 @@ export class View {
    * @param {{ changed: { row: Row, arrays: Record<string, Packed> }[], gone: string[] }} change */
   async replace({ changed, gone }) {
     for (const id of gone) if (this.number(id) >= 0) await this.page.replace(this.number(id), null);
-    const { table } = this.viewer;
-    for (const { row, arrays } of changed) {
-      const number = await this.page.replace(this.number(row.id), arrays, row);
-      if (table && !table.order.includes(number)) table.order.push(number); // it was taken away before
-    }
-    table?.update();
+    for (const { row, arrays } of changed) await this.page.replace(this.number(row.id), arrays, row);
     this.draw();
   }
 }

@@ -51,7 +51,7 @@ export function contains([x, y], ring) {
  * @returns {Place}
  */
 export function axisOf(ring) {
-  const [one, two] = edgesOf(ring).reduce((best, edge) => (distance(...edge) > distance(...best) ? edge : best));
+  const [one, two] = edgesOf(ring).reduce((best, edge) => (distance(edge[0], edge[1]) > distance(best[0], best[1]) ? edge : best));
   const length = distance(one, two) || 1;
   return [(two[0] - one[0]) / length, (two[1] - one[1]) / length];
 }
@@ -103,17 +103,91 @@ export function frameLine([x, y], [fx, fy], [ux, uy], reach) {
 }
 
 /**
+ * Where the line from a place along a way meets the line of an edge: the place, how many ways on, and at which share of
+ * the edge; null where they are parallel.
+ * @param {Place} from
+ * @param {Place} way
+ * @param {[Place, Place]} edge
+ * @returns {{ place: Place, ahead: number, share: number } | null}
+ */
+export function meeting([fx, fy], [ux, uy], [[ax, ay], [bx, by]]) {
+  const [dx, dy] = [bx - ax, by - ay], size = ux * dy - uy * dx;
+  if (Math.abs(size) < 1e-3 * Math.hypot(ux, uy) * Math.hypot(dx, dy)) return null;
+  const share = ((ax - fx) * uy - (ay - fy) * ux) / size, place = /** @type {Place} */ ([ax + share * dx, ay + share * dy]);
+  return { place, share, ahead: ((place[0] - fx) * ux + (place[1] - fy) * uy) / (ux * ux + uy * uy) };
+}
+
+/**
  * Where the line from a place along a way meets an edge; null where it does not.
  * @param {Place} from
  * @param {Place} way
  * @param {[Place, Place]} edge
  * @returns {Place | null}
  */
-export function crossing([fx, fy], [ux, uy], [[ax, ay], [bx, by]]) {
-  const [dx, dy] = [bx - ax, by - ay], size = ux * dy - uy * dx;
-  if (Math.abs(size) < 1e-12) return null;
-  const share = ((ax - fx) * uy - (ay - fy) * ux) / size;
-  return share < -1e-9 || share > 1 + 1e-9 ? null : [ax + share * dx, ay + share * dy];
+export function crossing(from, way, edge) {
+  const met = meeting(from, way, edge);
+  return !met || met.share < -1e-9 || met.share > 1 + 1e-9 ? null : met.place;
+}
+
+/**
+ * A ring with an edge carried on over its end, or over its start, to what its line meets next: the line of a later edge of
+ * the ring, which is carried back to it so that the corners between go, or an edge of a neighbour, to which the wall at
+ * the edge's end moves. Null where it meets nothing within `reach` (m).
+ * @param {Place[]} ring
+ * @param {number} number
+ * @param {boolean} overEnd
+ * @param {[Place, Place][]} others
+ * @param {number} [reach]
+ * @returns {Place[] | null}
+ */
+export function carriedOn(ring, number, overEnd, others, reach = 25) {
+  const count = ring.length, at = (/** @type {number} */ place) => ring[(number + place) % count];
+  if (!overEnd) return carriedOn([...ring].reverse(), (2 * count - 2 - number) % count, true, others, reach)?.reverse() ?? null;
+  const [start, end] = [at(0), at(1)], length = distance(start, end) || 1, way = /** @type {Place} */ ([(end[0] - start[0]) / length, (end[1] - start[1]) / length]);
+  /** @type {Place[] | null} */
+  let best = null;
+  let least = reach;
+  for (let later = 2; later < count - 1; later++) {
+    const met = meeting(end, way, [at(later), at(later + 1)]);
+    if (!met || met.ahead < 1e-3 || met.ahead > least || met.share > 1 + 1e-9) continue;
+    [best, least] = [[start, rounded(met.place), ...Array.from({ length: count - later - 1 }, (_, place) => at(later + 1 + place))], met.ahead];
+    break;
+  }
+  for (const edge of others) {
+    const met = meeting(end, way, edge);
+    if (!met || met.ahead < 0.05 || met.ahead > least || met.share < -1e-9 || met.share > 1 + 1e-9) continue;
+    const moved = new Map(edgeMoved(ring, (number + 1) % count, met.place));
+    [best, least] = [ring.map(corner => moved.get(corner) ?? corner), met.ahead];
+  }
+  return best;
+}
+
+/**
+ * Edges of a model that may be ridges: level, longer than 0.5 m, within the outline; each once.
+ * @param {[number, number, number][][]} edges
+ * @param {Place[][]} rings
+ * @returns {[Place, Place][]}
+ */
+export function ridgesOf(edges, rings) {
+  const outline = rings.flatMap(edgesOf), found = /** @type {Map<string, [Place, Place]>} */ (new Map());
+  for (const [one, two] of edges) {
+    const ends = /** @type {[Place, Place]} */ ([[one[0], one[1]], [two[0], two[1]]].map(place => rounded(/** @type {Place} */ (place)))), length = distance(ends[0], ends[1]), between = middle(ends[0], ends[1]);
+    if (length < 0.5 || Math.abs(one[2] - two[2]) > 0.1 * length) continue;
+    if (outline.some(edge => distance(nearestOnEdge(between, edge), between) < 0.1)) continue;
+    found.set(ends.map(String).sort().join(), ends);
+  }
+  return [...found.values()];
+}
+
+/**
+ * A line moved aside to go through a place.
+ * @param {[Place, Place]} line
+ * @param {Place} to
+ * @returns {[Place, Place]}
+ */
+export function movedAside([one, two], to) {
+  const moved = rectangle(one, two, to);
+  return [rounded(moved[3]), rounded(moved[2])];
 }
 
 /**
