@@ -82,45 +82,36 @@ def done_alike(
     wait, cpu, alike = updated(folder, corrected, mine, place)
     once = sum(count for _, count in (*ONCE, *LAST))
     waits = [wait[1] for one in made for wait in one.waits]
+    cost = sum(wait[2] for one in made for wait in one.waits)
     pressed = sum(one.actions for one in made)
-    yield {
-        "run": folder.name,
-        "way": "table",
-        "buildings": len(made),
-        "actions": pressed,
-        "actions a building": round(pressed / max(len(made), 1), 1),
-        "waited in all (s)": round(sum(waits), 1),
-        "seen after, median (s)": round(float(np.median(waits)), 2) if waits else None,
-        "CPU in all (s)": round(sum(wait[2] for one in made for wait in one.waits), 1),
-        "outlines alike": None,
-    }
+
+    def row(
+        way: str, actions: int, waited: float, seen: object, cpu: float, alike: object
+    ) -> dict[str, object]:
+        """A way of making the changes: its actions, and the seconds that they take."""
+        return {
+            "run": folder.name,
+            "way": way,
+            "buildings": len(made),
+            "actions": actions,
+            "actions a building": round(actions / max(len(made), 1), 1),
+            "waited in all (s)": round(waited, 1),
+            "seen after, median (s)": seen,
+            "CPU in all (s)": round(cpu, 1),
+            "outlines alike": alike,
+        }
+
+    middle = round(float(np.median(waits)), 2) if waits else None
+    yield row("table", pressed, sum(waits), middle, cost, None)
     steps_made = once + sum(counted(one.done) for one in made)
-    yield {
-        "run": folder.name,
-        "way": "QGIS, one update for all",
-        "buildings": len(made),
-        "actions": steps_made,
-        "actions a building": round(steps_made / max(len(made), 1), 1),
-        "waited in all (s)": round(wait, 1),
-        "seen after, median (s)": round(wait, 1),
-        "CPU in all (s)": round(cpu, 1),
-        "outlines alike": alike,
-    }
+    yield row("QGIS, one update for all", steps_made, wait, round(wait, 1), cpu, alike)
     single = [updated(folder, corrected, own(mine, one.id), place) for one in made[:3]]
     if single:
-        each = float(np.median([one[0] for one in single]))
-        steps_made = sum(counted(one.done) + sum(count for _, count in LAST) for one in made)
-        yield {
-            "run": folder.name,
-            "way": "QGIS, an update each (three measured)",
-            "buildings": len(made),
-            "actions": steps_made + sum(count for _, count in ONCE),
-            "actions a building": round(steps_made / len(made), 1),
-            "waited in all (s)": round(each * len(made), 1),
-            "seen after, median (s)": round(each, 1),
-            "CPU in all (s)": round(float(np.median([one[1] for one in single])) * len(made), 1),
-            "outlines alike": "; ".join(one[2] for one in single),
-        }
+        each, work = (float(np.median([one[k] for one in single])) for k in (0, 1))
+        last = sum(count for _, count in LAST)
+        steps_made = sum(count for _, count in ONCE) + sum(counted(one.done) + last for one in made)
+        way, same = "QGIS, an update each (three measured)", "; ".join(one[2] for one in single)
+        yield row(way, steps_made, each * len(made), round(each, 1), work * len(made), same)
 
 
 def own(edits: Sequence[Any], name: str) -> list[Any]:
