@@ -46,7 +46,7 @@ def relief_of(xyz: NDArray[np.float64], west: float, south: float, side: float) 
     low, high = np.percentile(heights, [2, 98])
     shown = np.clip((heights - low) / max(high - low, 3.0), 0, 1)
     return LightSource(315, 45).shade(
-        shown * max(high - low, 3.0), plt.cm.viridis, "soft", dx=side / CELLS, dy=side / CELLS
+        shown * max(high - low, 3.0), plt.cm.viridis, blend_mode="soft", dx=side / CELLS, dy=side / CELLS
     )[..., :3]
 
 
