@@ -79,27 +79,33 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         ranges, records = band_of(band)
         if not len(records):
             continue
-        quanta = np.ascontiguousarray(records["xyz"])
-        stands = originals_of(records) if copies else np.arange(len(records))
-        if dense:
-            own = np.flatnonzero(stands == np.arange(len(stands)))
-            rank = np.searchsorted(own, stands)
-            thinned = thin_kernel(quanta[own], records["return_number"][own], round(SIDE / GRID_STEP))
-            stands = own[thinned][rank]
-        chosen = np.flatnonzero(stands == np.arange(len(stands)))
-        chosen = chosen[canonical_order(quanta[chosen] * GRID_STEP, records["return_number"][chosen])]
-        place = np.empty(len(stands), np.uint32)
-        place[chosen] = np.arange(count, count + len(chosen))
-        pieces = np.split(place[stands], np.cumsum([rows.stop - rows.start for rows in ranges])[:-1])
+        chosen, stands = thin(records, copies > 0, dense)
+        pieces = np.split(stands + count, np.cumsum([rows.stop - rows.start for rows in ranges])[:-1])
         for target, rows, piece in zip(places_of_files, ranges, pieces, strict=True):
             target[rows] = piece
-        kept.append(records.take(chosen))
+        kept.append(chosen)
         count += len(chosen)
     return {
         "records": join_records(kept).view(np.uint8),
         "stands": places,
         "copies": np.array([copies, *example], np.int64),
     }
+
+
+def thin(records: Records, copied: bool, dense: bool) -> tuple[Records, NDArray[np.int64]]:
+    """Those of some points (N,) that stand for all, in canonical order, and the number (N,) of the one that
+    stands for each: for its copies where some are `copied`, for its neighbours where they are `dense`."""
+    quanta = np.ascontiguousarray(records["xyz"])
+    stands = originals_of(records) if copied else np.arange(len(records))
+    if dense:
+        own = np.flatnonzero(stands == np.arange(len(stands)))
+        rank = np.searchsorted(own, stands)
+        stands = own[thin_kernel(quanta[own], records["return_number"][own], round(SIDE / GRID_STEP))][rank]
+    chosen = np.flatnonzero(stands == np.arange(len(stands)))
+    chosen = chosen[canonical_order(quanta[chosen] * GRID_STEP, records["return_number"][chosen])]
+    place = np.empty(len(stands), np.int64)
+    place[chosen] = np.arange(len(chosen))
+    return records.take(chosen), place[stands]
 
 
 def originals_of(records: Records) -> NDArray[np.int64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -203,35 +203,19 @@ def index_inputs(
         When none can be opened, or units or systems differ, or `crs` is not what a file says or its numbers
         cannot be what its system says and there is no `crs_force`.
     """
-    entries, names, sources = np.zeros(len(paths), ENTRY), bytearray(), {}
+    entries, names, sources = np.zeros(len(paths), ENTRY), bytearray(), dict[int, Source]()
     systems: dict[CoordinateSystem, Path] = {}
-    told: list[str] = []
-    number, wrong_boxes = 0, []
-    for path in paths:
-        try:
-            source = open_counted(path, crs, to_crs)
-        except InputError as error:
-            if len(paths) == 1:
-                raise
-            failed.append(str(error))
-            log.error("%s", error)
-            continue
-        if not crs_force:
-            refuse_system(source, crs)
+    number, told = 0, list[str]()
+    for path, source in open_all(paths, crs, to_crs, failed, crs_force):
         if not number:
-            to_crs = source.target if to_crs is None else to_crs
-            told = source.remarks
+            to_crs, told = source.target if to_crs is None else to_crs, source.remarks
         names += str(path).encode("utf-8", "surrogateescape")
         bits = sum(1 << bit for bit, name in enumerate(FIELDS) if name in source.fields)
-        bounds = source.bounds
-        box = bounds.west, bounds.south, bounds.east, bounds.north
-        entries[number] = source.count, box, bits, np.frombuffer(source.mark, np.uint8), len(names)
+        mark = np.frombuffer(source.mark, np.uint8)
+        entries[number] = source.count, list(source.bounds), bits, mark, len(names)
         if source.measured:
             sources[number] = source
-            if source.has_wrong_bbox:
-                wrong_boxes.append(path)
-        if source.system not in systems:
-            systems[source.system] = Path(path)
+        systems.setdefault(source.system, Path(path))
         number += 1
         if number % 1000 == 0:
             tell(number, len(paths))
@@ -244,6 +228,7 @@ def index_inputs(
     if system == LOCAL_METRES and crs is None and not crs_force:
         refuse_feet(index)
     warn_without_system(system, index.path(0), number)
+    wrong_boxes = [source.path for source in sources.values() if source.has_wrong_bbox]
     if wrong_boxes:
         log.warning(
             "%d files state a bounding box that is not that of their points (the first: %s); the points were "
@@ -252,6 +237,32 @@ def index_inputs(
             wrong_boxes[0],
         )
     return index
+
+
+def open_all(
+    paths: Sequence[str | Path], crs: str | None, to_crs: str | None, failed: list[str], crs_force: bool
+) -> Iterator[tuple[str | Path, Source]]:
+    """The files that can be opened, the first of which decides to which system all are transformed, unless
+    `to_crs` does; why others cannot is noted in `failed`.
+
+    Raises
+    ------
+    InputError
+        When the only one cannot, or `crs` is not what a file says (`refuse_system`).
+    """
+    for path in paths:
+        try:
+            source = open_counted(path, crs, to_crs)
+        except InputError as error:
+            if len(paths) == 1:
+                raise
+            failed.append(str(error))
+            log.error("%s", error)
+            continue
+        if not crs_force:
+            refuse_system(source, crs)
+        to_crs = source.target if to_crs is None else to_crs
+        yield path, source
 
 
 def open_unchanged(path: Path, crs: str | None, count: int, to_crs: str | None = None) -> Source:
