@@ -17,9 +17,9 @@ from eaves.formats.points.plausible import STRETCHED
 from eaves.formats.points.sample import Sample, read_sample
 from eaves.formats.statements import UNSTATED
 from eaves.geometry.percentiles import group_percentiles
-from eaves.model import LOCAL_METRES, Points
+from eaves.model import LOCAL_METRES, Points, Values
 from eaves.raster.blur import WIDTH, measure_blur, measure_roughness
-from eaves.raster.groups import number_squares
+from eaves.raster.groups import number_squares, number_values
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 
@@ -422,8 +422,14 @@ def _take_sample(index: Index) -> Sample:
 
 def _cells(xyz: Points, side: float) -> tuple[NDArray[np.int64], int]:
     """The number of the cell of each point (N,), among those with points, and how many there are."""
-    number, count = number_squares(xyz[:, :2] - xyz[:, :2].min(axis=0), side)
+    number, count = number_squares(xyz[:, :2] - _limits(xyz)[0], side)
     return number, len(count)
+
+
+def _limits(xyz: Points) -> tuple[Values, Values]:
+    """The south-west and the north-east corner (2,) of the box of points (N, 3)."""
+    east, north = xyz[:, 0], xyz[:, 1]
+    return np.array([east.min(), north.min()]), np.array([east.max(), north.max()])
 
 
 def _heights(xyz: Points, area: float) -> tuple[int, float, float, float]:
@@ -472,17 +478,17 @@ def _without_gaps(place: NDArray[np.int64]) -> NDArray[np.int64]:
     and the holes in them are the same, and tiles far apart take no memory for what lies between."""
     columns = []
     for axis in (0, 1):
-        used, number = np.unique(place[:, axis], return_inverse=True)
-        columns.append(np.cumsum(np.minimum(np.diff(used, prepend=used[:1]), 2))[number.ravel()])
+        used, number, _ = number_values(place[:, axis])
+        columns.append(np.cumsum(np.minimum(np.diff(used, prepend=used[:1]), 2))[number])
     return np.column_stack(columns)
 
 
 def _cover(xyz: Points) -> tuple[float, float, int, float]:
     """The area with points (m²), the share of voids within it, its separate pieces, and the area (m²) that a
     place in them lies in (median over places)."""
-    low = xyz[:, :2].min(axis=0)
+    low, high = _limits(xyz)
     # of surveys in pieces the box says nothing of the spacing: the cells that have points do
-    area = min(float(np.prod(xyz[:, :2].max(axis=0) - low)), _cells(xyz, CELL)[1] * CELL**2)
+    area = min(float(np.prod(high - low)), _cells(xyz, CELL)[1] * CELL**2)
     side = max(VOID_SPACINGS * (area / len(xyz)) ** 0.5, 1.0)
     place = _without_gaps(np.floor((xyz[:, :2] - low) / side).astype(np.int64))
     occupied = np.zeros(place.max(axis=0) + 1, bool)

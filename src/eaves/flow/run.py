@@ -17,7 +17,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 import eaves
-from eaves.flow.advice import ScanFacts, scan_facts
+from eaves.flow.advice import LOOKED_AT, ScanFacts, scan_facts
 from eaves.flow.formats import (
     TILES,
     check_formats,
@@ -339,6 +339,8 @@ def plan_run(
         refuse_overwrite(folder, plan, planned_files(index, options), carries_edits)
     warn_of_heights(index.system, options["formats"])
     given = "footprints" in polygons
+    if index.points <= LOOKED_AT:  # all are looked at
+        index = index.with_records()
     run = Run(
         folder=folder,
         recipe=recipe,
