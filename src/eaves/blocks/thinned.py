@@ -64,9 +64,10 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         return ranges, join_records([file[rows] for file, rows in zip(files, ranges, strict=True)])
 
     copies, example = 0, np.zeros(0, np.int64)
+    ordered = len(files) == 1
     for band in range(bands):
         _, records = band_of(band)
-        original = originals_of(records)
+        original = originals_of(records, ordered)
         again = np.flatnonzero(original != np.arange(len(original)))
         if len(again) and not copies:
             example = records["point_id"][[original[again[0]], again[0]]]
@@ -80,7 +81,7 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         if not len(records):
             continue
         quanta = np.ascontiguousarray(records["xyz"])
-        stands = originals_of(records) if copies else np.arange(len(records))
+        stands = originals_of(records, ordered) if copies else np.arange(len(records))
         if dense:
             own = np.flatnonzero(stands == np.arange(len(stands)))
             rank = np.searchsorted(own, stands)
@@ -102,14 +103,15 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
     }
 
 
-def originals_of(records: Records) -> NDArray[np.int64]:
+def originals_of(records: Records, ordered: bool) -> NDArray[np.int64]:
     """Of each of some points (N,) the number of the one that it is a copy of, itself where it is none: of
     identical ones (`IDENTITY`) the one with the largest class, for a copy may be classified, then the least
-    id."""
-    numbers = np.arange(len(records))
-    order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
-    quanta = records["xyz"][order]
-    tied = np.flatnonzero((quanta[1:] == quanta[:-1]).all(axis=1))
+    id. Points of one file are in canonical order, `ordered`."""
+    numbers = order = np.arange(len(records))
+    if not ordered:
+        order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
+    x, y, z = (column if ordered else column[order] for column in records["xyz"].T)
+    tied = np.flatnonzero((x[1:] == x[:-1]) & (y[1:] == y[:-1]) & (z[1:] == z[:-1]))
     if not len(tied):
         return numbers
     rows = order[np.union1d(tied, tied + 1)]

@@ -280,7 +280,6 @@ def write_each(
     def finish(step: str, answer: Written) -> None:
         written[step] = answer.files
         region.failed += answer.failed
-        note(region.run, answer.files)
         region.progress("write", len(written), len(steps))
 
     work = partial(write_output, results=results, sink=sink)
@@ -310,12 +309,6 @@ def begin_writing(run: Run) -> None:
     """Move aside what a person changed or added since the run began, and note what it is about to write."""
     set_aside(run.folder, [path for path, _ in work_of_persons(run.folder, run.planned)])
     begin_manifest(run.folder, planned=run.planned)
-
-
-def note(run: Run, files: Sequence[Path]) -> None:
-    """Note files of the run in its folder's manifest."""
-    if run.classified is None:
-        begin_manifest(run.folder, files=files)
 
 
 def write_run(summary: Summary) -> None:

@@ -228,6 +228,12 @@ class Run:
         return tuple(sorted({*self.recipe.needs, *wanted, *seen}))
 
     @property
+    def classes_only(self) -> bool:
+        """True if no buildings are looked for or given, and nothing but the classified points is written."""
+        nothing = self.recipe.detect is None and self.given is None
+        return nothing and tuple(self.outputs) == ("classified",)
+
+    @property
     def planned(self) -> set[str]:
         """Names in the folder of the files, and folders of files, that it writes."""
         return planned_files(self.index, self.options)

@@ -34,14 +34,11 @@ SQLITE_HEADER = 100
 def begin_manifest(
     folder: Path,
     facts: Mapping[str, Any] | None = None,
-    files: Sequence[Path] = (),
     planned: Iterable[str] = (),
 ) -> None:
-    """Say that a run writes here, its facts, the `files` that it has written, and the names `planned` of
-    others: until it ends, what an earlier one left is no result, and whatever happens, a run after this one
-    knows the files as ours."""
+    """Say that a run writes here, its facts, and the names `planned` of its files: until it ends, what an
+    earlier one left is no result, and whatever happens, a run after this one knows the files as ours."""
     entries: dict[str, Entry] = {name: {} for name in planned}
-    entries |= {name: whole_entry(folder / name) for name in names_of(folder, files)}
     write_manifest(folder, facts or {}, {**known_files(folder), **entries}, False)
 
 

@@ -20,6 +20,7 @@ from itertools import islice
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
+from types import ModuleType
 from typing import Any, Self, TypeVar
 
 import numpy
@@ -35,6 +36,9 @@ Task = TypeVar("Task")
 AHEAD = 4
 """Maximum number of tasks that wait for each worker."""
 PROCESS_STATUS, PROCESS_SCORE = Path("/proc/self/status"), Path("/proc/self/oom_score_adj")
+ABSENT, ROTATIONS = ("pandas", "geopandas", "pyarrow"), "scipy.spatial.transform"
+PARTS_OF_NUMPY = ("f2py", "testing", "ma", "polynomial")
+"""What is not imported with the libraries (`import_libraries_alone`)."""
 FEW = 64
 """Tasks for each worker, of which the largest go first."""
 KILLED = "its process was killed"
@@ -299,18 +303,26 @@ def end_with(line: Connection) -> None:
 
 
 def import_libraries_alone() -> None:
-    """Import pyogrio without the data frames it would offer, and scipy without the translator of Fortran that
-    comes with a copy of all of numpy: pandas and geopandas cost most of a second, the translator .07.
+    """Import pyogrio without the data frames it would offer, and scipy without what comes with a copy of all
+    of numpy (a translator of Fortran, judges of tests, masked arrays) and without rotations: pandas and
+    geopandas cost most of a second, the others .15.
 
-    For processes of our own only, before either is imported: a caller's process may want them later.
+    For processes of our own only, before any is imported: a caller's process may want them later.
     """
-    hidden = [name for name in ("pandas", "geopandas", "pyarrow") if name not in sys.modules]
-    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]
-    vars(numpy)["f2py"] = None
+    instead: dict[str, Any] = {**dict.fromkeys(ABSENT), ROTATIONS: ModuleType(ROTATIONS)}
+    hidden = {name: module for name, module in instead.items() if name not in sys.modules}
+    parts = [name for name in PARTS_OF_NUMPY if f"numpy.{name}" not in sys.modules]
+    sys.modules.update(hidden)
+    vars(numpy).update(dict.fromkeys(parts))
     try:
         import pyogrio.raw  # noqa: F401
-        import scipy.ndimage  # noqa: F401
+        import scipy.ndimage
+        import scipy.spatial
     finally:
         for name in hidden:
             del sys.modules[name]
-        del vars(numpy)["f2py"]  # numpy looks for it where it is asked for
+        for name in parts:  # numpy looks for it where it is asked for
+            if vars(numpy)[name] is None:
+                del vars(numpy)[name]
+    if ROTATIONS in hidden:
+        vars(scipy.spatial).pop("transform", None)
