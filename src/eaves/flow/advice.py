@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from eaves.blocks.thinned import ENOUGH_PER_M2
 from eaves.figures.rows import BuildingRow
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
@@ -40,9 +41,12 @@ STRIPS_AGREE, SPARSE = 0.08, 2.0
 """The largest difference of strips (m) and the least density (points/m²) of USGS quality level 2."""
 PIECE_AREA, PIECES_APART = 2_000.0, 3
 """A scan of so many pieces or more, half of its area in those under this (m²), is clipped."""
-START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
+START_S, POINT_S, ROOF_POINT_S = 2.0, 4.8e-6, 110e-6
 """Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
-adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
+adds, as far as it counts there (`ENOUGH_PER_M2`). Rates of a core of 2026."""
+SPREAD = 3.0
+"""A run takes a third to three times what is so estimated: of eleven surveys seven took .7 to 1.7 times as
+long; row houses and sparse points take longer, crags, which look like roofs, less."""
 SMOOTH_M = 0.06
 """Roughness (m) of laser scans is less."""
 BLUR_STEP = 0.05
@@ -260,7 +264,8 @@ class ScanFacts:
             "strip offsets": offset,
             "voids": void,
             "far below": f"{self.below:,} points",
-            "processor time": f"about {self.cpu_s:.0f} s, shared by the processes",
+            "processor time": f"about {self.cpu_s:.0f} s ({self.cpu_s / SPREAD:.0f} to "
+            f"{self.cpu_s * SPREAD:.0f} s), shared by the processes",
             "memory": f"{self.memory_mb:,} MB for each process",
         }
         table = [f"{name:<16}{value}" for name, value in rows.items()]
@@ -296,6 +301,7 @@ def scan_facts(index: Index) -> ScanFacts:
         if complete:
             area, void, pieces, piece = cover
     density = index.points / area if area > 0 else 0.0
+    counted = min(1.0, ENOUGH_PER_M2 / density) if density else 1.0
     first = sample.number <= 1
     split = float((sample.of[first] > 1).mean()) if first.any() and sample.of.any() else 0.0
     classes, counts = np.unique(sample.classes, return_counts=True)
@@ -322,7 +328,7 @@ def scan_facts(index: Index) -> ScanFacts:
         pieces=pieces,
         piece_m2=piece,
         height_ratio=round(float(np.median(sample.ratios)), 2) if len(sample.ratios) >= FEWEST else None,
-        cpu_s=round(START_S + index.points * (POINT_S + roofs * ROOF_POINT_S), 1),
+        cpu_s=round(START_S + index.points * (POINT_S + roofs * counted * ROOF_POINT_S), 1),
         memory_mb=round((1.0 + density / DENSE) * LEAST / 2e6),
         roughness=rough,
         blur=blur,
