@@ -1,6 +1,6 @@
 // WebGL2: points, triangles and lines, each with a colour and a building; what is not shown is not drawn.
 
-/** @import { Frame, Layer, Look, Piece, Quality } from './types.js' */
+/** @import { Block, Frame, Layer, Look, Piece, Place, Quality } from './types.js' */
 /** @import { Camera } from './camera.js' */
 
 export const VERTEX = `#version 300 es
@@ -61,6 +61,8 @@ export class Painter {
     this.lay = null;
     /** @type {Frame | null} */
     this.target = null;
+    /** @type {{ matrix: Float32Array, eye: Place, step: number, distance: number, flat: boolean }} */
+    this.sight = { matrix: new Float32Array(16), eye: [0, 0, 0], step: 1, distance: 1, flat: false };
     const program = this.program = gl.createProgram();
     for (const [kind, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
       const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
@@ -151,17 +153,19 @@ export class Painter {
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, list, gl.STATIC_DRAW);
-      return { buffer, count: list.length };
+      return { buffer, count: list.length, numbers: list };
     });
     layer.shown = lists[0];
   }
 
   // What a picture of a quality is drawn with: lists of vertices in pieces that a slow machine can stop between.
   /** @param {Quality} quality */
-  pieces({ points, ground, lines }) {
+  pieces({ points, ground, lines, detail }) {
     /** @type {Piece[]} */
     const pieces = [];
     for (const layer of this.layers) {
+      if (layer.blocks) pieces.push(...this.piecesOf(layer.blocks, detail));
+      if (layer.blocks) continue;
       const list = layer.drawn[Math.min(ground, layer.drawn.length - 1)];
       if (!list || (layer.minor && !lines)) continue;
       const count = layer.kind === 'points' ? Math.min(points, list.count) : list.count;
@@ -169,6 +173,33 @@ export class Painter {
       for (let first = 0; first < count; first += PIECE) pieces.push({ layer, list, first, count: Math.min(PIECE, count - first), grown });
     }
     return pieces;
+  }
+
+  // Those of the blocks in sight, each in the finest way in which its parts take so many pixels; neighbours of one way are drawn together.
+  /** @param {Block[]} blocks @param {number} detail */
+  piecesOf(blocks, detail) {
+    /** @type {Piece[]} */
+    const pieces = [];
+    for (const { low, high, ways } of blocks) {
+      const step = low.length ? detail * this.stepAt(low, high) : 0;
+      if (Number.isNaN(step)) continue;
+      const { layer, list, first, count } = ways.find(way => way.size >= step) ?? ways[ways.length - 1], last = pieces[pieces.length - 1];
+      if (last && last.list === list && last.first + last.count === first && last.count + count <= PIECE) last.count += count;
+      else for (let from = first; from < first + count; from += PIECE) pieces.push({ layer, list, first: from, count: Math.min(PIECE, first + count - from), grown: 1 });
+    }
+    return pieces;
+  }
+
+  // Metres that a pixel covers where a box is nearest; NaN where none of it is in sight.
+  /** @param {Place} low @param {Place} high */
+  stepAt(low, high) {
+    const { matrix, eye, step, distance, flat } = this.sight, outside = [0, 0, 0, 0];
+    for (let corner = 0; corner < 8; corner++) {
+      const place = [...low.map((value, axis) => corner >> axis & 1 ? high[axis] : value), 1], [x, y, , w] = [0, 1, 2, 3].map(row => place.reduce((sum, value, column) => sum + value * matrix[4 * column + row], 0));
+      [x < -w, x > w, y < -w, y > w].forEach((beyond, side) => { outside[side] += beyond ? 1 : 0; });
+    }
+    if (outside.includes(8)) return NaN;
+    return flat ? step : step * Math.hypot(...eye.map((value, axis) => Math.max(low[axis] - value, 0, value - high[axis]))) / distance;
   }
 
   /** @param {Camera} camera @param {Look} look @param {Quality} quality @param {[number, number]} [size] pixels, in place of the canvas's */
@@ -185,8 +216,10 @@ export class Painter {
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
     gl.useProgram(this.program);
-    gl.uniformMatrix4fv(uniform.view, false, camera.matrix(width / height));
-    gl.uniform3fv(uniform.eye, camera.eye());
+    const matrix = camera.matrix(width / height), eye = camera.eye();
+    this.sight = { matrix, eye, step: camera.step(height), distance: camera.distance, flat: camera.flat };
+    gl.uniformMatrix4fv(uniform.view, false, matrix);
+    gl.uniform3fv(uniform.eye, eye);
     gl.uniform1f(uniform.chosen, look.chosen);
     gl.uniform1f(uniform.only, look.only ? 1 : 0);
     gl.uniform1f(uniform.split, look.split * width);

@@ -3,12 +3,13 @@
 /** @import { Camera } from './camera.js' */
 /** @import { Painter } from './draw.js' */
 
+// `detail`: pixels that what stands for buildings far away takes at least.
 export const QUALITIES = [
-  { scale: 1, smooth: true, points: Infinity, ground: 0, lines: true },
-  { scale: 1, smooth: false, points: 120000, ground: 1, lines: true },
-  { scale: 0.7, smooth: false, points: 40000, ground: 2, lines: true },
-  { scale: 0.5, smooth: false, points: 15000, ground: 3, lines: false },
-  { scale: 0.35, smooth: false, points: 8000, ground: 3, lines: false },
+  { scale: 1, smooth: true, points: Infinity, ground: 0, lines: true, detail: 0 },
+  { scale: 1, smooth: false, points: 120000, ground: 1, lines: true, detail: 1 },
+  { scale: 0.7, smooth: false, points: 40000, ground: 2, lines: true, detail: 2 },
+  { scale: 0.5, smooth: false, points: 15000, ground: 3, lines: false, detail: 2 },
+  { scale: 0.35, smooth: false, points: 8000, ground: 3, lines: false, detail: 2 },
 ];
 // Milliseconds: a frame that takes longer is drawn coarser, one that is shorter may get finer, and how long it
 // rests before the whole picture is drawn.
@@ -22,6 +23,7 @@ export class Pace {
     this.after = after;
     this.quality = this.asked = this.painted = this.easy = 0;
     this.running = false;
+    this.wake = () => {};
   }
 
   // Resolves when there is a picture.
@@ -29,6 +31,7 @@ export class Pace {
 
   ask() {
     this.asked++;
+    this.wake();
     document.documentElement.dataset.still = 'no';
     if (!this.running) this.run();
   }
@@ -87,9 +90,13 @@ export class Pace {
     if (this.easy > 12 && this.quality > 0) [this.quality, this.easy] = [this.quality - 1, 0];
   }
 
-  /** @param {number} answered */
-  async rest(answered) {
-    const until = performance.now() + REST;
-    while (this.asked === answered && performance.now() < until) await new Promise(done => setTimeout(done, 15));
+  // Until it rests, or something else is asked for.
+  /** @param {number} answered @returns {Promise<void>} */
+  rest(answered) {
+    return new Promise(done => {
+      this.wake = done;
+      if (this.asked === answered) setTimeout(done, REST);
+      else done();
+    });
   }
 }

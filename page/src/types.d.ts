@@ -24,16 +24,23 @@ export interface Terrain { rows: number; columns: number; cell: number; west: nu
 export interface Grid extends Terrain { heights: Float32Array; epoch: number }
 export interface Ground { position: Float32Array; details: Uint32Array[]; epoch: number; light: Float32Array }
 export interface Parts extends Shapes { points: Points; grounds: Ground[] }
-export interface Scene extends Parts { rows: Row[] }
+/** `far` are roofs of many buildings each, of a city that is drawn by squares. */
+export interface Scene extends Parts { rows: Row[]; far?: Things }
 export interface Box { low: number[]; high: number[] }
 
 export interface Legend { words?: [string, string][]; colours?: string[]; low?: number; high?: number; unit?: string; text?: string; names?: string[]; shift?: number }
 export interface Look { background: number[]; mark: number[]; chosen: number; only: boolean; pointSize: number; split: number }
-export interface Quality { scale: number; smooth: boolean; points: number; ground: number; lines: boolean }
-export interface List { buffer: WebGLBuffer; count: number }
+export interface Quality { scale: number; smooth: boolean; points: number; ground: number; lines: boolean; detail: number }
+export interface List { buffer: WebGLBuffer; count: number; numbers: Uint32Array }
+/** A run of a layer's vertices; what is drawn with it measures `size` (m). */
+export interface Way { layer: Layer; list: List; first: number; count: number; size: number }
+/** What lies in a box, which is empty where it is not known, drawn in one of several ways, from fine to coarse. */
+export interface Block { low: Place; high: Place; ways: Way[] }
 export interface Layer {
   kind: 'points' | 'triangles' | 'lines'; mode: number; vao: WebGLVertexArrayObject; buffers: WebGLBuffer[]; colour: WebGLBuffer;
   shaded: boolean; strength: number; minor: boolean; fades: boolean; opacity: number; pictured: boolean; drawn: List[]; shown: Uint32Array;
+  /** Drawn block by block; with none only within the blocks of another layer. */
+  blocks?: Block[];
 }
 export interface Piece { layer: Layer; list: List; first: number; count: number; grown: number }
 export interface Frame { frame: WebGLFramebuffer; buffers: WebGLRenderbuffer[]; width: number; height: number }

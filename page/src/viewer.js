@@ -99,11 +99,12 @@ export class Viewer {
   }
 
   /** @param {Scene} scene */
-  layersOf({ points, triangles, edges, prints, grounds }) {
+  layersOf({ points, triangles, edges, prints, grounds, far = { xyz: new Float32Array(0), building: new Uint32Array(0), epochs: new Uint8Array(0), count: 0 } }) {
     const { painter } = this;
     return {
       grounds: grounds.map(({ position }) => painter.add('triangles', position, new Uint32Array(position.length / 3), { shaded: true })),
       models: painter.add('triangles', triangles.xyz, repeated(triangles.building, 3), { shaded: true, strength: 0.25 }),
+      far: painter.add('triangles', far.xyz, repeated(far.building, 3), { shaded: true, strength: 0.25 }),
       edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true, fades: true }),
       prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1, minor: true }),
       points: painter.add('points', points.xyz, Uint32Array.from(points.building)),
@@ -166,7 +167,13 @@ export class Viewer {
       if (!shown(triangles, number) || !(kind === 2 ? roofs : walls)) return null;
       return triangles.lod[number] === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
     }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1, first.triangles);
-    if (this.city) painter.show(layers.models, layers.models.shown, layers.models.shown, layers.models.shown.filter(vertex => triangles.lod[Math.floor(vertex / 3)] !== BOX || triangles.kind[Math.floor(vertex / 3)] === 2));
+    if (this.city && scene.far) {
+      const all = layers.models.shown, { building } = scene.far, roofOf = this.city.roofOf();
+      painter.show(layers.models, all, all.filter(vertex => triangles.lod[Math.floor(vertex / 3)] !== BOX || triangles.kind[Math.floor(vertex / 3)] === 2));
+      this.dress(layers.far, scene.far, 3, number => modelWay.at(roofOf[building[number] - 1], building[number] - 1));
+      layers.far.blocks = [];
+      layers.models.blocks = this.city.blocks(layers.models, layers.far, roofs);
+    }
     this.dress(layers.edges, edges, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges, number) ? line : null), null, first.edges);
     this.dress(layers.prints, prints, 2, () => this.checked('prints') ? outline : null, null, first.prints);
     legend(byId('model-legend'), modelWay.legend);
@@ -216,7 +223,7 @@ export class Viewer {
     const counts = [this.layers.points, this.layers.other].map(layer => layer.shown.length), sum = (/** @type {number} */ one, /** @type {number} */ two) => one + two;
     const here = counts.reduce(sum), drawn = counts.map(count => Math.min(count, QUALITIES[quality].points)).reduce(sum);
     byId('moving').hidden = !quality;
-    if (quality) byId('moving').textContent = `While it moves: ${drawn < here ? `${drawn.toLocaleString('en')} of ${here.toLocaleString('en')} points, ` : ''}coarser ground${QUALITIES[quality].lines ? '' : ', no lines'}, lower resolution`;
+    if (quality) byId('moving').textContent = `While it moves: ${drawn < here ? `${drawn.toLocaleString('en')} of ${here.toLocaleString('en')} points, ` : ''}${this.city ? 'buildings far away as one, ' : ''}coarser ground${QUALITIES[quality].lines ? '' : ', no lines'}, lower resolution`;
     this.measure();
     if (!quality && this.city) this.city.look();
   }

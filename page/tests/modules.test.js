@@ -4,7 +4,9 @@ import { test } from 'node:test';
 import { deflateSync } from 'node:zlib';
 import { metres, unpackArray, unpackRows } from '../src/arrays.js';
 import { Camera, FIELD } from '../src/camera.js';
+import { CELLS, City } from '../src/city.js';
 import { modelColours, scaleOf } from '../src/colours.js';
+import { Painter } from '../src/draw.js';
 import { figure } from '../src/page.js';
 import { hitTriangle, sightOf } from '../src/pick.js';
 import { cutUpright } from '../src/profile.js';
@@ -106,4 +108,29 @@ test('legends have high before medium before low, and colours of missing values 
 test('buildings without a model come first, then by trust; nothing is remembered where there is no storage', () => {
   assert.deepEqual(worstFirst([{ id: 'a', lod: '2.2', trust_score: 0.9 }, { id: 'b', lod: null }, { id: 'c', lod: '2.2', trust_score: 0.2 }]), [1, 2, 0]);
   assert.deepEqual(remembered('columns', ['lod']), ['lod']);
+});
+
+test('the roof of a cell has the area of its buildings, and lies in its square', () => {
+  const squares = [[0, 0, 480, 480, 3], [480, 0, 960, 480, 1]], corners = /** @type {number[]} */ ([]), places = [[10, 10, 10, 6], [22, 12, 4, 4], [300, 400, 8, 5], [500, 20, 9, 9]];
+  for (const [x, y, wide, deep] of places) corners.push(x, y, x + wide, y, x + wide, y + deep, x, y + deep);
+  const city = Object.assign(Object.create(City.prototype), { squares, corners, heights: places.flatMap(() => [0, 6]), square: [0, 0, 0, 1], order: [0, 1, 2, 3] });
+  for (const side of CELLS) {
+    const { xyz, building, count, first } = city.roofs(side);
+    assert.deepEqual([count, first], [6, [0, 4, 6]]);
+    assert.deepEqual([...building], [1, 1, 3, 3, 4, 4]);
+    let area = 0;
+    for (let at = 0; at < xyz.length; at += 9) area += Math.abs((xyz[at + 3] - xyz[at]) * (xyz[at + 7] - xyz[at + 1]) - (xyz[at + 4] - xyz[at + 1]) * (xyz[at + 6] - xyz[at])) / 2;
+    close(area, places.reduce((sum, [, , wide, deep]) => sum + wide * deep, 0), 1e-3);
+  }
+});
+
+test('blocks out of sight are left out, far ones are coarse, and neighbours of one way are one draw', () => {
+  const camera = new Camera(BOX, 1.5), sight = { matrix: camera.matrix(1.5), eye: camera.eye(), step: camera.step(600), distance: camera.distance, flat: false }, painter = Object.assign(Object.create(Painter.prototype), { sight });
+  close(painter.stepAt([-1, -1, 0], [1, 1, 1]), camera.step(600), 0.1 * camera.step(600));
+  assert.ok(Number.isNaN(painter.stepAt([1e5, 1e5, 0], [1e5 + 1, 1e5 + 1, 1])));
+  const [fine, coarse] = [{ numbers: 1 }, { numbers: 2 }], ways = (/** @type {number} */ first) => [{ list: fine, first: 30 * first, count: 30, size: 1e-3 }, { list: coarse, first: 6 * first, count: 6, size: 1e3 }];
+  const blocks = [0, 1].map(number => ({ low: [number, 0, 0], high: [number + 1, 1, 1], ways: ways(number) }));
+  const drawn = (/** @type {number} */ detail) => painter.piecesOf([...blocks, { low: [1e5, 0, 0], high: [1e5, 1, 1], ways: ways(2) }], detail).map((/** @type {any} */ piece) => [piece.list.numbers, piece.first, piece.count]);
+  assert.deepEqual(drawn(0), [[1, 0, 60]]);
+  assert.deepEqual(drawn(2), [[2, 0, 12]]);
 });

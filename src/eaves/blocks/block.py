@@ -79,15 +79,16 @@ def block_pass(
     around: Surroundings,
     recipe: Recipe,
     signs: NDArray[np.float64] | None = None,
+    classes_only: bool = False,
 ) -> BlockResult:
-    """Rasters and regions of one block.
+    """Rasters and regions of one block; with `classes_only` neither.
 
     `cloud` bears the classes of the ground stage. It must hold the points of the block and of its
     surroundings up to `recipe.scene_buffer`, and no others: then the result does not depend on the files or
     tiles they came from. `signs` are those that the detector counted around it.
     """
     clock = Clock()
-    scenes = make_scenes(cloud, around, recipe)
+    scenes = points_alone(cloud, around.block) if classes_only else make_scenes(cloud, around, recipe)
     cloud, height = scenes.scene.cloud, scenes.seen.height
     clock.lap("rasters")
     regions, (least_area, least_height) = Regions(np.zeros(len(cloud), np.int32)), recipe.smallest
@@ -193,9 +194,9 @@ def find_signs(view: BlockView, parameters: Recipe) -> dict[str, NDArray[Any]]:
     return {} if counted is None else {"signs": counted}
 
 
-def find_regions(view: BlockView, parameters: Recipe) -> dict[str, NDArray[Any]]:
+def find_regions(view: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
     """Rasters and regions of a block, as `BlockFile` reads them."""
-    result = block_pass(view.cloud, view.around, parameters, view.signs)
+    result = block_pass(view.cloud, view.around, parameters, view.signs, parameters.classes_only)
     return block_arrays(result) | {"from_file": view.file}
 
 
@@ -250,6 +251,14 @@ def make_scenes(cloud: PointCloud, around: Surroundings, recipe: Recipe) -> Bloc
         hidden = with_classes(seen.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
         seen = replace(seen, cloud=hidden)
     return BlockScenes(block, scene, seen, wires)
+
+
+def points_alone(cloud: PointCloud, block: Block) -> BlockScenes:
+    """The points of a block without rasters, where nothing is asked for but their classes."""
+    cloud = cloud.about(block.origin).in_canonical_order()
+    blank = Raster(np.full((1, 1), np.nan), 0.0, block.side, block.side)
+    scene = Scene(cloud, blank, blank, np.nan, np.zeros(len(cloud)))
+    return BlockScenes(block, scene, scene, np.zeros(len(cloud), bool))
 
 
 def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:

@@ -64,9 +64,10 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         return ranges, join_records([file[rows] for file, rows in zip(files, ranges, strict=True)])
 
     copies, example = 0, np.zeros(0, np.int64)
+    ordered = len(files) == 1
     for band in range(bands):
         _, records = band_of(band)
-        original = originals_of(records)
+        original = originals_of(records, ordered)
         again = np.flatnonzero(original != np.arange(len(original)))
         if len(again) and not copies:
             example = records["point_id"][[original[again[0]], again[0]]]
@@ -79,7 +80,7 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         ranges, records = band_of(band)
         if not len(records):
             continue
-        chosen, stands = thin(records, copies > 0, dense)
+        chosen, stands = thin(records, copies > 0, dense, ordered)
         pieces = np.split(stands + count, np.cumsum([rows.stop - rows.start for rows in ranges])[:-1])
         for target, rows, piece in zip(places_of_files, ranges, pieces, strict=True):
             target[rows] = piece
@@ -92,11 +93,12 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
     }
 
 
-def thin(records: Records, copied: bool, dense: bool) -> tuple[Records, NDArray[np.int64]]:
+def thin(records: Records, copied: bool, dense: bool, ordered: bool) -> tuple[Records, NDArray[np.int64]]:
     """Those of some points (N,) that stand for all, in canonical order, and the number (N,) of the one that
-    stands for each: for its copies where some are `copied`, for its neighbours where they are `dense`."""
+    stands for each: for its copies where some are `copied`, for its neighbours where they are `dense`;
+    `ordered` as of `originals_of`."""
     quanta = np.ascontiguousarray(records["xyz"])
-    stands = originals_of(records) if copied else np.arange(len(records))
+    stands = originals_of(records, ordered) if copied else np.arange(len(records))
     if dense:
         own = np.flatnonzero(stands == np.arange(len(stands)))
         rank = np.searchsorted(own, stands)
@@ -108,14 +110,15 @@ def thin(records: Records, copied: bool, dense: bool) -> tuple[Records, NDArray[
     return records.take(chosen), place[stands]
 
 
-def originals_of(records: Records) -> NDArray[np.int64]:
+def originals_of(records: Records, ordered: bool) -> NDArray[np.int64]:
     """Of each of some points (N,) the number of the one that it is a copy of, itself where it is none: of
     identical ones (`IDENTITY`) the one with the largest class, for a copy may be classified, then the least
-    id."""
-    numbers = np.arange(len(records))
-    order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
-    quanta = records["xyz"][order]
-    tied = np.flatnonzero((quanta[1:] == quanta[:-1]).all(axis=1))
+    id. Points of one file are in canonical order, `ordered`."""
+    numbers = order = np.arange(len(records))
+    if not ordered:
+        order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
+    x, y, z = (column if ordered else column[order] for column in records["xyz"].T)
+    tied = np.flatnonzero((x[1:] == x[:-1]) & (y[1:] == y[:-1]) & (z[1:] == z[:-1]))
     if not len(tied):
         return numbers
     rows = order[np.union1d(tied, tied + 1)]

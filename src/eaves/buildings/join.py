@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile
 from eaves.footprints.read import as_box
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.rings import as_polygon
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.run.world_squares import squares_touching
@@ -94,10 +93,7 @@ def connect_regions(seams: Sequence[Seam]) -> JoinedRegions:
     order = np.lexsort((node, point))
     same = point[order][1:] == point[order][:-1]
     first, second = node[order][:-1][same], node[order][1:][same]
-    component = np.zeros(0, np.int32)
-    if total:
-        graph = coo_array((np.ones(len(first), bool), (first, second)), shape=(total, total))
-        _, component = connected_components(graph, directed=False)
+    component = connected_groups_kernel(first, second, int(total))
     owner = np.repeat(np.arange(len(seams)), [seam.count for seam in seams])
     label = np.arange(total) - start[owner] + 1
     held = np.concatenate([np.zeros(0, bool), *(seam.inside[1:] for seam in seams)])

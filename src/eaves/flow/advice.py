@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from eaves.blocks.thinned import ENOUGH_PER_M2
 from eaves.figures.rows import BuildingRow
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
@@ -17,9 +18,9 @@ from eaves.formats.points.plausible import STRETCHED
 from eaves.formats.points.sample import Sample, read_sample
 from eaves.formats.statements import UNSTATED
 from eaves.geometry.percentiles import group_percentiles
-from eaves.model import LOCAL_METRES, Points
+from eaves.model import LOCAL_METRES, Points, Values
 from eaves.raster.blur import WIDTH, measure_blur, measure_roughness
-from eaves.raster.groups import number_squares
+from eaves.raster.groups import number_squares, number_values
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 
@@ -40,9 +41,12 @@ STRIPS_AGREE, SPARSE = 0.08, 2.0
 """The largest difference of strips (m) and the least density (points/m²) of USGS quality level 2."""
 PIECE_AREA, PIECES_APART = 2_000.0, 3
 """A scan of so many pieces or more, half of its area in those under this (m²), is clipped."""
-START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
+START_S, POINT_S, ROOF_POINT_S = 2.0, 4.8e-6, 110e-6
 """Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
-adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
+adds, as far as it counts there (`ENOUGH_PER_M2`). Rates of a core of 2026."""
+SPREAD = 3.0
+"""A run takes a third to three times what is so estimated: of eleven surveys seven took .7 to 1.7 times as
+long; row houses and sparse points take longer, crags, which look like roofs, less."""
 SMOOTH_M = 0.06
 """Roughness (m) of laser scans is less."""
 BLUR_STEP = 0.05
@@ -260,7 +264,8 @@ class ScanFacts:
             "strip offsets": offset,
             "voids": void,
             "far below": f"{self.below:,} points",
-            "processor time": f"about {self.cpu_s:.0f} s, shared by the processes",
+            "processor time": f"about {self.cpu_s:.0f} s ({self.cpu_s / SPREAD:.0f} to "
+            f"{self.cpu_s * SPREAD:.0f} s), shared by the processes",
             "memory": f"{self.memory_mb:,} MB for each process",
         }
         table = [f"{name:<16}{value}" for name, value in rows.items()]
@@ -296,6 +301,7 @@ def scan_facts(index: Index) -> ScanFacts:
         if complete:
             area, void, pieces, piece = cover
     density = index.points / area if area > 0 else 0.0
+    counted = min(1.0, ENOUGH_PER_M2 / density) if density else 1.0
     first = sample.number <= 1
     split = float((sample.of[first] > 1).mean()) if first.any() and sample.of.any() else 0.0
     classes, counts = np.unique(sample.classes, return_counts=True)
@@ -322,7 +328,7 @@ def scan_facts(index: Index) -> ScanFacts:
         pieces=pieces,
         piece_m2=piece,
         height_ratio=round(float(np.median(sample.ratios)), 2) if len(sample.ratios) >= FEWEST else None,
-        cpu_s=round(START_S + index.points * (POINT_S + roofs * ROOF_POINT_S), 1),
+        cpu_s=round(START_S + index.points * (POINT_S + roofs * counted * ROOF_POINT_S), 1),
         memory_mb=round((1.0 + density / DENSE) * LEAST / 2e6),
         roughness=rough,
         blur=blur,
@@ -422,8 +428,14 @@ def _take_sample(index: Index) -> Sample:
 
 def _cells(xyz: Points, side: float) -> tuple[NDArray[np.int64], int]:
     """The number of the cell of each point (N,), among those with points, and how many there are."""
-    number, count = number_squares(xyz[:, :2] - xyz[:, :2].min(axis=0), side)
+    number, count = number_squares(xyz[:, :2] - _limits(xyz)[0], side)
     return number, len(count)
+
+
+def _limits(xyz: Points) -> tuple[Values, Values]:
+    """The south-west and the north-east corner (2,) of the box of points (N, 3)."""
+    east, north = xyz[:, 0], xyz[:, 1]
+    return np.array([east.min(), north.min()]), np.array([east.max(), north.max()])
 
 
 def _heights(xyz: Points, area: float) -> tuple[int, float, float, float]:
@@ -472,17 +484,17 @@ def _without_gaps(place: NDArray[np.int64]) -> NDArray[np.int64]:
     and the holes in them are the same, and tiles far apart take no memory for what lies between."""
     columns = []
     for axis in (0, 1):
-        used, number = np.unique(place[:, axis], return_inverse=True)
-        columns.append(np.cumsum(np.minimum(np.diff(used, prepend=used[:1]), 2))[number.ravel()])
+        used, number, _ = number_values(place[:, axis])
+        columns.append(np.cumsum(np.minimum(np.diff(used, prepend=used[:1]), 2))[number])
     return np.column_stack(columns)
 
 
 def _cover(xyz: Points) -> tuple[float, float, int, float]:
     """The area with points (m²), the share of voids within it, its separate pieces, and the area (m²) that a
     place in them lies in (median over places)."""
-    low = xyz[:, :2].min(axis=0)
+    low, high = _limits(xyz)
     # of surveys in pieces the box says nothing of the spacing: the cells that have points do
-    area = min(float(np.prod(xyz[:, :2].max(axis=0) - low)), _cells(xyz, CELL)[1] * CELL**2)
+    area = min(float(np.prod(high - low)), _cells(xyz, CELL)[1] * CELL**2)
     side = max(VOID_SPACINGS * (area / len(xyz)) ** 0.5, 1.0)
     place = _without_gaps(np.floor((xyz[:, :2] - low) / side).astype(np.int64))
     occupied = np.zeros(place.max(axis=0) + 1, bool)

@@ -6,6 +6,7 @@ import json
 import logging
 import shutil
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -158,6 +159,7 @@ def read_points(region: Region) -> None:
         region.refuse(next(iter(region.unread.values())))
     region.failed += [region.unread[number] for number in map(int, numbers) if number in region.unread]
     region.points_keys = keys_of_points(region.parts)
+    region.run = replace(run, index=index.without_records())
     region.budget.step("read")
 
 

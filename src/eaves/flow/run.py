@@ -17,7 +17,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 import eaves
-from eaves.flow.advice import ScanFacts, scan_facts
+from eaves.flow.advice import LOOKED_AT, ScanFacts, scan_facts
 from eaves.flow.formats import (
     TILES,
     check_formats,
@@ -228,6 +228,12 @@ class Run:
         return tuple(sorted({*self.recipe.needs, *wanted, *seen}))
 
     @property
+    def classes_only(self) -> bool:
+        """True if no buildings are looked for or given, and nothing but the classified points is written."""
+        nothing = self.recipe.detect is None and self.given is None
+        return nothing and tuple(self.outputs) == ("classified",)
+
+    @property
     def planned(self) -> set[str]:
         """Names in the folder of the files, and folders of files, that it writes."""
         return planned_files(self.index, self.options)
@@ -339,6 +345,8 @@ def plan_run(
         refuse_overwrite(folder, plan, planned_files(index, options), carries_edits)
     warn_of_heights(index.system, options["formats"])
     given = "footprints" in polygons
+    if index.points <= LOOKED_AT:  # all are looked at
+        index = index.with_records()
     run = Run(
         folder=folder,
         recipe=recipe,

@@ -125,6 +125,7 @@ REGIONS = Step(
         "marks_others",
         "keeps_low",
         "smallest",
+        "classes_only",
     ),
     shown="blocks",
 )

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import ndimage
 
 from eaves.geometry.planes import scatter, sums_of
 from eaves.model import Mask, Points, Values
@@ -154,6 +154,8 @@ def without_blur(surface: Surface, blur: float, cell: float) -> Surface:
     side `cell` (m), by the primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall
     of what is left of each ramp. Both see the surface over its trend.
     """
+    from scipy import fft  # late: few scans are smoothed
+
     sigma, trend = blur / cell, ndimage.gaussian_filter(surface, TREND_M / cell)
     surface = surface - trend
     rows, columns = surface.shape

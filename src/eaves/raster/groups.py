@@ -13,6 +13,8 @@ BESIDE: tuple[Step, ...] = ((0, 1), (1, 0))
 """Steps down and right to two of the four cells that share a side with a cell: the others step back to it."""
 ONWARD: tuple[Step, ...] = (*BESIDE, (1, 1), (1, -1))
 """The same to four of the eight neighbours."""
+SORTED_FROM = 4
+"""So many times as many values as there are lie between the least and the greatest: they are sorted."""
 
 
 def steps_within(reach: int) -> tuple[Step, ...]:
@@ -103,8 +105,20 @@ def any_near(mask: Mask, first: int, last: int) -> Mask:
 def number_squares(xy: Values, side: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The number (N,), from west to east and in each column from south to north, of the square of a side (m)
     that each place (N, 2) lies in, among those that hold one; and how many places each holds (K,)."""
-    place = np.floor(xy / side).astype(np.int64)
-    place -= place.min(axis=0)
-    columns = place[:, 0] * (place[:, 1].max() + 1) + place[:, 1]
-    _, number, count = np.unique(columns, return_inverse=True, return_counts=True)
-    return number.ravel(), count
+    column, row = (np.floor(values / side).astype(np.int64) for values in xy.T)
+    row -= row.min()
+    column -= column.min()
+    return number_values(column * (row.max() + 1) + row)[1:]
+
+
+def number_values(values: Integers) -> tuple[Integers, Integers, Integers]:
+    """The values (K,) that occur among some (N,), rising; the number (N,) of each among these, and how often
+    each occurs (K,). Values that lie close are counted, others sorted."""
+    low = values.min(initial=0)
+    if values.max(initial=0) - low > SORTED_FROM * len(values):
+        unique, number, count = np.unique(values, return_inverse=True, return_counts=True)
+        return unique, number.ravel(), count
+    count = np.bincount(values - low)
+    unique = np.flatnonzero(count)
+    number = np.cumsum(count > 0) - 1
+    return unique + low, number[values - low], count[unique]

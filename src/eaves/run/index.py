@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from eaves.formats import InputError, Source, open_source
 from eaves.formats.crs import agree
 from eaves.formats.crs_check import refuse_conflict, refuse_numbers
+from eaves.formats.points.las import iter_records
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.plausible import likely_systems, why_not_metres
 from eaves.formats.points.source import FIELDS, is_simulated, warn_without_system
@@ -31,6 +33,8 @@ ENTRY = np.dtype(
     [("count", "<i8"), ("box", "<f8", 4), ("fields", "u1"), ("mark", "u1", 16), ("path_end", "<i8")]
 )
 """Records, west-south-east-north (world metres), bits of `FIELDS`, fingerprint, end of the path's bytes."""
+RECORD_BYTES = 1 << 26
+"""Bytes of records that are kept in memory from a look at the scan until its points are read."""
 LISTED_INPUTS = 1000
 """Maximum number of inputs named one by one in run.json; of more, their number and common hash are."""
 
@@ -168,6 +172,29 @@ class Index:
             bounds = self.bounds(number).union(box)
             entries["box"][number] = bounds.west, bounds.south, bounds.east, bounds.north
         return replace(self, entries=entries)
+
+    def with_records(self) -> Index:
+        """The index with the records of compressed files, decompressed once for all that reads them, where
+        they take little memory. Files that are damaged are left to the run."""
+        kept, room = dict(self.kept), RECORD_BYTES
+        for number in range(len(self)):
+            with suppress(InputError):
+                header = (source := self.source(number)).layout
+                size = header.count * header.record_length if isinstance(header, LasHeader) else 0
+                if isinstance(header, LasHeader) and header.compressed and 0 < size <= room:
+                    room -= size
+                    ((_, records),) = iter_records(header, header.count)  # all in one piece
+                    kept[number] = replace(source, layout=replace(header, decompressed=records))
+        return replace(self, kept=kept)
+
+    def without_records(self) -> Index:
+        """The index without the records of compressed files."""
+        bare = {
+            number: replace(source, layout=replace(source.layout, decompressed=None))
+            for number, source in self.kept.items()
+            if isinstance(source.layout, LasHeader) and source.layout.decompressed is not None
+        }
+        return replace(self, kept={**self.kept, **bare})
 
     def describe(self) -> dict[str, Any]:
         """The inputs as JSON: how many, and their common hash; each with its own where they are few."""

@@ -9,7 +9,6 @@ from itertools import combinations
 
 import numpy as np
 import shapely
-from scipy.sparse.csgraph import connected_components
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.model import Integers, Mask, Values
@@ -301,7 +300,7 @@ def composite_defects(solids: list[list[Shell]]) -> list[Defect]:
             defects.append((501, f"solids {first} and {second} overlap"))
         elif crossings_kernel(solids[first][0], solids[second][0]) & OPPOSITE_SIDE:
             touching[first, second] = True
-    count, _ = connected_components(touching, directed=False)
+    count = int(connected_groups_kernel(*np.nonzero(touching), len(touching)).max(initial=-1)) + 1
     if not defects and count > 1:
         defects.append((503, f"the solids form {count} separate pieces"))
     return defects

@@ -1,4 +1,4 @@
-// made by `make page` of page/src 9fc26aac64fac93e
+// made by `make page` of page/src efbf3fc20cde66af
 "use strict";(()=>{var distance=(one,two)=>Math.hypot(two[0]-one[0],two[1]-one[1]),middle=(one,two)=>[(one[0]+two[0])/2,(one[1]+two[1])/2],rounded=([x,y])=>[Math.round(x*1e3)/1e3,
 Math.round(y*1e3)/1e3],edgesOf=ring=>ring.map((place2,number)=>[place2,ring[(number+1)%ring.length]]);function nearestOnEdge([x,y],[[ax,ay],[bx,by]]){let[dx,dy]=[
 bx-ax,by-ay],share=Math.max(0,Math.min(1,((x-ax)*dx+(y-ay)*dy)/(dx*dx+dy*dy||1)));return[ax+share*dx,ay+share*dy]}function contains([x,y],ring){let inside=!1;for(let[[ax,ay],[bx,by]]of edgesOf(ring))ay>y!=by>y&&x<ax+(y-ay)/(by-ay)*(bx-ax)&&(inside=!inside);return inside}function axisOf(ring){

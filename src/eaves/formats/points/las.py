@@ -118,6 +118,12 @@ def iter_records(
     """
     if not header.count:
         return
+    if header.decompressed is not None and rectangle is None:
+        start, end = (header.count * (part[0] + step) // part[1] for step in (0, 1))
+        for first in range(start, end, size):
+            last = min(first + size, end)
+            yield np.arange(first, last), header.decompressed[first:last]
+        return
     with header.path.open("rb") as file:
         if not header.compressed:
             start, end = (header.count * (part[0] + step) // part[1] for step in (0, 1))

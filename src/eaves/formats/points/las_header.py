@@ -6,12 +6,13 @@ import math
 import os
 import struct
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 import pyproj
+from numpy.typing import NDArray
 from pyproj.exceptions import CRSError
 
 from eaves.formats.errors import InputError
@@ -62,6 +63,8 @@ class LasHeader:
     """Bytes between the first point and what follows the points."""
     stated: int | None = None
     """The count of a header that is wrong; `count` is right."""
+    decompressed: NDArray[np.uint8] | None = field(default=None, compare=False, repr=False)
+    """All records (count, record length) of a small compressed file, where several read them."""
 
     def record(self, owner: str, number: int) -> bytes | None:
         """The data of one record, None when there is none."""

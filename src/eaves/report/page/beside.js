@@ -1,4 +1,4 @@
-// made by `make page` of page/src 9fc26aac64fac93e
+// made by `make page` of page/src efbf3fc20cde66af
 "use strict";(()=>{var windows=[...document.querySelectorAll("iframe")].map(frame=>frame.contentWindow),NEAR=10,world=({camera,origin})=>JSON.stringify([camera.azimuth,camera.elevation,
 camera.distance,camera.flat,...camera.target.map((value,axis)=>value+origin[axis])]);function follow(viewer,state){let[azimuth,elevation,distance,flat,...target]=JSON.
 parse(state);Object.assign(viewer.camera,{azimuth,elevation,distance,flat,target:target.map((value,axis)=>value-viewer.origin[axis])}),viewer.ask()}function counterpart(from,to){

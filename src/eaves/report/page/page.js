@@ -1,4 +1,4 @@
-// made by `make page` of page/src 9fc26aac64fac93e
+// made by `make page` of page/src efbf3fc20cde66af
 "use strict";(()=>{var byId=name=>document.getElementById(name),field=name=>byId(name),source=globalThis.document?.getElementById("data"),page=source?JSON.parse(source.textContent??
 ""):{},element=(tag,attributes={},...children)=>{let made2=document.createElement(tag);for(let[name,value]of Object.entries(attributes))made2.setAttribute(name,
 String(value));return made2.append(...children),made2};function figure(value,name=""){return value==null?"":typeof value!="number"||Number.isInteger(value)?String(
@@ -119,19 +119,19 @@ uildings. `,...page.epochs?[]:[element("code",{},`eaves view OUT --around ${row.
 points.count;place++)points.building[place]===number+1&&(mine++,points.distance[place]!==32767&&distances.push(Math.abs(points.distance[place])/1e3));distances.
 sort((one,two)=>one-two);let parts=[element("h2",{},row.id),list,element("p",{},`${mine.toLocaleString("en")} of its points are drawn, ${distances.length.toLocaleString(
 "en")} over its roof`+(distances.length?`; median distance ${distances[Math.floor(distances.length/2)].toFixed(3)} m`:""))];distances.length&&parts.push(histogram(
-"Distances to the roof",distances,.05,.5,"m")),box.replaceChildren(...parts)}var QUALITIES=[{scale:1,smooth:!0,points:1/0,ground:0,lines:!0},{scale:1,smooth:!1,points:12e4,ground:1,lines:!0},{scale:.7,smooth:!1,points:4e4,ground:2,lines:!0},
-{scale:.5,smooth:!1,points:15e3,ground:3,lines:!1},{scale:.35,smooth:!1,points:8e3,ground:3,lines:!1}],LONG=45,SHORT=22,REST=160,Pace=class{constructor(painter,before,after){
-this.painter=painter,this.before=before,this.after=after,this.quality=this.asked=this.painted=this.easy=0,this.running=!1}async first(){for(;!this.painted;)await new Promise(
-requestAnimationFrame)}ask(){this.asked++,document.documentElement.dataset.still="no",this.running||this.run()}async run(){this.running=!0;for(let answered=0,shown=0;answered!==
-this.asked||shown>0;)if(await new Promise(requestAnimationFrame),answered!==this.asked){answered=this.asked,shown=this.quality;let first=!this.painted,milliseconds=await this.
-paint(QUALITIES[shown]);this.adapt(first?await this.paint(QUALITIES[shown]):milliseconds),this.after(shown),shown&&await this.rest(answered)}else await this.paintWhole(
-answered)&&this.after(shown=0);this.running=!1,document.documentElement.dataset.still="yes"}async paint(quality){let began=performance.now(),{painter}=this;return painter.
-begin(...this.before(),quality),painter.pieces(quality).forEach(piece=>painter.draw(piece)),painter.present(),await painter.finished(),this.painted++||performance.
-mark("picture"),performance.now()-began}async paintWhole(answered){let{painter}=this,[quality]=QUALITIES;painter.begin(...this.before(),quality);for(let piece of painter.
-pieces(quality))if(painter.draw(piece),await painter.finished(),this.asked!==answered)return!1;return painter.present(),await painter.finished(),!0}adapt(milliseconds){
-let last=QUALITIES.length-1;milliseconds>8*LONG?this.quality=Math.max(this.quality,last-1):milliseconds>LONG&&(this.quality=Math.min(last,this.quality+1)),this.
-easy=milliseconds<SHORT?this.easy+1:0,this.easy>12&&this.quality>0&&([this.quality,this.easy]=[this.quality-1,0])}async rest(answered){let until=performance.now()+
-REST;for(;this.asked===answered&&performance.now()<until;)await new Promise(done=>setTimeout(done,15))}};function roofHeights({rows,columns,cell,west,north,epoch},{xyz,kind,epochs,count}){let heights=new Float32Array(rows*columns).fill(-1/0);for(let number=0,at=0;number<
+"Distances to the roof",distances,.05,.5,"m")),box.replaceChildren(...parts)}var QUALITIES=[{scale:1,smooth:!0,points:1/0,ground:0,lines:!0,detail:0},{scale:1,smooth:!1,points:12e4,ground:1,lines:!0,detail:1},{scale:.7,smooth:!1,points:4e4,
+ground:2,lines:!0,detail:2},{scale:.5,smooth:!1,points:15e3,ground:3,lines:!1,detail:2},{scale:.35,smooth:!1,points:8e3,ground:3,lines:!1,detail:2}],LONG=45,SHORT=22,
+REST=160,Pace=class{constructor(painter,before,after){this.painter=painter,this.before=before,this.after=after,this.quality=this.asked=this.painted=this.easy=0,
+this.running=!1,this.wake=()=>{}}async first(){for(;!this.painted;)await new Promise(requestAnimationFrame)}ask(){this.asked++,this.wake(),document.documentElement.
+dataset.still="no",this.running||this.run()}async run(){this.running=!0;for(let answered=0,shown=0;answered!==this.asked||shown>0;)if(await new Promise(requestAnimationFrame),
+answered!==this.asked){answered=this.asked,shown=this.quality;let first=!this.painted,milliseconds=await this.paint(QUALITIES[shown]);this.adapt(first?await this.
+paint(QUALITIES[shown]):milliseconds),this.after(shown),shown&&await this.rest(answered)}else await this.paintWhole(answered)&&this.after(shown=0);this.running=
+!1,document.documentElement.dataset.still="yes"}async paint(quality){let began=performance.now(),{painter}=this;return painter.begin(...this.before(),quality),painter.
+pieces(quality).forEach(piece=>painter.draw(piece)),painter.present(),await painter.finished(),this.painted++||performance.mark("picture"),performance.now()-began}async paintWhole(answered){
+let{painter}=this,[quality]=QUALITIES;painter.begin(...this.before(),quality);for(let piece of painter.pieces(quality))if(painter.draw(piece),await painter.finished(),
+this.asked!==answered)return!1;return painter.present(),await painter.finished(),!0}adapt(milliseconds){let last=QUALITIES.length-1;milliseconds>8*LONG?this.quality=
+Math.max(this.quality,last-1):milliseconds>LONG&&(this.quality=Math.min(last,this.quality+1)),this.easy=milliseconds<SHORT?this.easy+1:0,this.easy>12&&this.quality>
+0&&([this.quality,this.easy]=[this.quality-1,0])}rest(answered){return new Promise(done=>{this.wake=done,this.asked===answered?setTimeout(done,REST):done()})}};function roofHeights({rows,columns,cell,west,north,epoch},{xyz,kind,epochs,count}){let heights=new Float32Array(rows*columns).fill(-1/0);for(let number=0,at=0;number<
 count;number++,at+=9){if(kind[number]===1||epochs[number]!==epoch)continue;let[x,y,z]=[0,1,2].map(axis=>[xyz[at+axis],xyz[at+3+axis],xyz[at+6+axis]]),across=x.map(
 value=>(value-west)/cell-.5),down=y.map(value=>(north-value)/cell-.5),top=Math.max(...z),size=(across[1]-across[0])*(down[2]-down[0])-(across[2]-across[0])*(down[1]-
 down[0]);if(size)for(let row=Math.max(0,Math.ceil(Math.min(...down)));row<=Math.min(rows-1,Math.max(...down));row++)for(let column2=Math.max(0,Math.ceil(Math.min(
@@ -183,32 +183,53 @@ grounds)grow(ground.position);return grow(scene.triangles.xyz),Number.isFinite(l
 high:[5,5,5]}}var modelOf=({building,epochs},number)=>3*building[number]+epochs[number];function spotsOf({prints,triangles,rows}){let spots=rows.map(()=>({low:[
 1/0,1/0,1/0],high:[-1/0,-1/0,-1/0]})),grow=(xyz,building,width)=>{for(let place=0;place<xyz.length;place++){let spot=spots[building[Math.floor(place/width)]-1],
 axis=place%3;spot.low[axis]=Math.min(spot.low[axis],xyz[place]),spot.high[axis]=Math.max(spot.high[axis],xyz[place])}};return grow(prints.xyz,prints.building,6),
-grow(triangles.xyz,triangles.building,9),spots}var BOX=255,NEAR=1500,NEAR_BUILDINGS=4e3,SQUARES_KEPT=40,SUNK=4,NO_TRIANGLES={xyz:new Float32Array(0),kind:new Uint8Array(0),epochs:new Uint8Array(0),count:0},settings=()=>page.
-city,fetched=async name=>{let answer=await fetch(`${settings().folder}/${name}.json`);if(!answer.ok)throw new Error(`${name}.json: the server answers with statu\
-s ${answer.status}`);return answer.json()},City=class _City{constructor(boxes){this.rows=Array.from(boxes.box_lod,()=>({id:""})),this.squares=settings().squares,
-this.scenes=new Map,this.near=[],this.busy=!1,this.viewer=null,this.corners=metres(boxes.box_xy),this.heights=metres(boxes.box_z),this.lods=boxes.box_lod,this.square=
-boxes.box_square,this.grounds=readGrounds(boxes.terrain,page.terrain,NO_TRIANGLES)}static async open(){if(location.protocol==="file:")throw new Error("this page\
- is one of a web server; eaves view OUT --serve is one");return new _City(await unpackAll((await fetched("boxes")).arrays))}boxes(near){let{corners,heights,lods,
-square}=this,there=new Set(near),far=[];for(let number=0;number<square.length;number++)there.has(square[number])||far.push(number);let count=10*far.length,xyz=new Float32Array(
-9*count),building=new Uint32Array(count),lod=new Uint8Array(count),kind=new Uint8Array(count).fill(1),slope=new Float32Array(count).fill(90),at=0,face=0;for(let number of far){
+grow(triangles.xyz,triangles.building,9),spots}var BOX=255,NEAR=1500,NEAR_BUILDINGS=4e3,SQUARES_KEPT=40,SUNK=4,CELLS=[30,60,120,240],HOUSE=15,PART=3,TRIANGLES_OF_BOX=10,ROOF_OF_BOX=8,NO_TRIANGLES={xyz:new Float32Array(
+0),kind:new Uint8Array(0),epochs:new Uint8Array(0),count:0},settings=()=>page.city,fetched=async name=>{let answer=await fetch(`${settings().folder}/${name}.jso\
+n`);if(!answer.ok)throw new Error(`${name}.json: the server answers with status ${answer.status}`);return answer.json()},City=class _City{constructor(boxes){this.
+rows=Array.from(boxes.box_lod,()=>({id:""})),this.squares=settings().squares,this.scenes=new Map,this.near=[],this.busy=!1,this.viewer=null,this.corners=metres(
+boxes.box_xy),this.heights=metres(boxes.box_z),this.lods=boxes.box_lod,this.square=boxes.box_square,this.grounds=readGrounds(boxes.terrain,page.terrain,NO_TRIANGLES),
+this.order=this.rows.map((_,number)=>number).sort((one,two)=>this.square[one]-this.square[two]||one-two),this.boxed=this.order,this.levels=CELLS.map(side=>this.
+roofs(side)),this.far=joinThings(this.levels)}roofs(side){let{corners,heights,square,squares,order}=this,first=[0],cells=[];for(let number=0,at=0;number<squares.
+length;number++){let[west,south]=squares[number],there=new Map;for(;at<order.length&&square[order[at]]===number;at++){let building2=order[at],from=8*building2,[
+x,y]=[0,1].map(axis=>(corners[from+axis]+corners[from+4+axis])/2),area=Math.max(1,Math.abs((corners[from+2]-corners[from])*(corners[from+7]-corners[from+1])-(corners[from+
+3]-corners[from+1])*(corners[from+6]-corners[from]))),key=Math.floor((x-west)/side)+1e3*Math.floor((y-south)/side),cell=there.get(key)??{x:0,y:0,z:0,area:0,most:0,
+building:building2};area>cell.most&&Object.assign(cell,{most:area,building:building2});for(let[name,value]of[["x",x],["y",y],["z",heights[2*building2+1]]])cell[name]+=
+area*value;cell.area+=area,there.set(key,cell)}cells.push(...there.values()),first.push(2*cells.length)}let count=2*cells.length,xyz=new Float32Array(9*count),building=new Uint32Array(
+count);return cells.forEach((cell,place)=>{let from=8*cell.building,middle=[0,1].map(axis=>(corners[from+axis]+corners[from+4+axis])/2),grown=Math.sqrt(cell.area/
+cell.most);[0,1,2,0,2,3].forEach((corner,vertex)=>{let[x,y]=[0,1].map(axis=>grown*(corners[from+2*corner+axis]-middle[axis]));xyz.set([cell.x/cell.area+x,cell.y/
+cell.area+y,cell.z/cell.area],18*place+3*vertex)}),building.fill(cell.building+1,2*place,2*place+2)}),{xyz,building,epochs:new Uint8Array(count),count,first}}roofOf(){
+let roof=new Uint32Array(this.rows.length);return this.boxed.forEach((number,place)=>{roof[number]=TRIANGLES_OF_BOX*place+ROOF_OF_BOX}),roof}blocks(models,far,roofs){
+let{boxed,square,squares,corners,heights,levels}=this,boxes=3*TRIANGLES_OF_BOX*boxed.length,blocks=[],starts=models.drawn.map(list=>{let start2=new Uint32Array(
+squares.length+2);for(let place=0;place<list.numbers.length;place+=3)start2[1+(list.numbers[place]<boxes?square[boxed[Math.floor(list.numbers[place]/(3*TRIANGLES_OF_BOX))]]:
+squares.length)]+=3;for(let number=1;number<start2.length;number++)start2[number]+=start2[number-1];return start2}),rangeOf=(which,number)=>({layer:models,list:models.
+drawn[which],first:starts[which][number],count:starts[which][number+1]-starts[which][number]});for(let at=0;at<boxed.length;){let number=square[boxed[at]],low=[
+1/0,1/0,1/0],high=[-1/0,-1/0,-1/0];for(;at<boxed.length&&square[boxed[at]]===number;at++)for(let corner=0;corner<4;corner++)for(let level of[0,1])[corners[8*boxed[at]+
+2*corner],corners[8*boxed[at]+2*corner+1],heights[2*boxed[at]+level]].forEach((value,axis)=>{low[axis]=Math.min(low[axis],value),high[axis]=Math.max(high[axis],
+value)});let ways=[{...rangeOf(0,number),size:PART},{...rangeOf(1,number),size:HOUSE}],before=0;for(let[level,{first,count}]of levels.entries())roofs&&ways.push(
+{layer:far,list:far.drawn[0],first:3*(before+first[number]),count:3*(first[number+1]-first[number]),size:CELLS[level]}),before+=count;blocks.push({low,high,ways})}
+return[...blocks,{low:[],high:[],ways:[{...rangeOf(0,squares.length),size:1/0}]}]}static async open(){if(location.protocol==="file:")throw new Error("this page \
+is one of a web server; eaves view OUT --serve is one");return new _City(await unpackAll((await fetched("boxes")).arrays))}boxes(near){let{corners,heights,lods,
+square}=this,there=new Set(near),far=this.boxed=this.order.filter(number=>!there.has(square[number])),count=TRIANGLES_OF_BOX*far.length,xyz=new Float32Array(9*count),
+building=new Uint32Array(count),lod=new Uint8Array(count),kind=new Uint8Array(count).fill(1),slope=new Float32Array(count).fill(90),at=0,face=0;for(let number of far){
 let[low,high]=[heights[2*number],heights[2*number+1]],put=(corner,z)=>{xyz[at++]=corners[8*number+2*corner],xyz[at++]=corners[8*number+2*corner+1],xyz[at++]=z};
 for(let one=0;one<4;one++){let two=(one+1)%4;put(one,low),put(two,low),put(two,high),put(one,low),put(two,high),put(one,high)}put(0,high),put(1,high),put(2,high),
-put(0,high),put(2,high),put(3,high),building.fill(number+1,face,face+10),lod.fill(lods[number]?BOX:0,face,face+10),kind.fill(2,face+8,face+10),slope.fill(0,face+
-8,face+10),face+=10}let bare=()=>({xyz:new Float32Array(0),building:new Uint32Array(0),epochs:new Uint8Array(0),count:0}),points={...bare(),classification:new Uint8Array(
-0),plane:new Uint8Array(0),distance:new Int16Array(0),over:new Uint8Array(0),base:page.base},triangles={xyz,building,lod,kind,slope,azimuth:new Float32Array(count),
-epochs:new Uint8Array(count),error:new Uint16Array(count).fill(65535),count};return{points,triangles,edges:{...bare(),lod:new Uint8Array(0)},prints:bare(),grounds:this.
-grounds.map(ground=>({...ground,position:this.sunk(ground.position,near)}))}}sunk(position,near){let lower=position.slice();for(let number of near){let[west,south,
-east,north]=this.squares[number];for(let at=0;at<lower.length;at+=3)lower[at]>west&&lower[at]<east&&lower[at+1]>south&&lower[at+1]<north&&(lower[at+2]-=SUNK)}return lower}scene(){
-return{...joined([this.boxes(this.near),...this.near.map(number=>this.scenes.get(number))]),rows:this.rows}}wanted({distance,target:[x,y]}){if(distance>NEAR)return[];
-let away=([west,south,east,north])=>Math.hypot(Math.max(west-x,0,x-east),Math.max(south-y,0,y-north)),order=this.squares.map((square,number)=>[away(square),number,
-square[4]]).filter(([far])=>far<Math.max(200,.8*distance)).sort((one,two)=>one[0]-two[0]),count=0;return order.filter(([,,buildings],place)=>(count+=buildings)<=
-NEAR_BUILDINGS||!place).map(([,number])=>number).sort((one,two)=>one-two)}async follow(viewer){this.viewer=viewer,viewer.city=this,viewer.pace.quality=QUALITIES.
-length-2,viewer.refresh(),await viewer.pace.first(),(await unpackRows(await fetched("rows"))).forEach((row,number)=>{this.rows[number]=row})}async look(){let{viewer}=this;
-if(!viewer)return;let near=this.wanted(viewer.camera);if(!(this.busy||near.join()===this.near.join())){this.busy=!0,document.documentElement.dataset.near="no";try{
-await Promise.all(near.filter(number=>!this.scenes.has(number)).map(async number=>{let{terrain,arrays}=await fetched(number);this.scenes.set(number,readScene(await unpackAll(
-arrays),terrain))})),this.near=near;for(let number of this.scenes.keys())this.scenes.size>SQUARES_KEPT&&!near.includes(number)&&this.scenes.delete(number);viewer.
-load(this.scene()),viewer.refresh(),viewer.profile.draw(),viewer.look.chosen&&viewer.describe(viewer.look.chosen-1)}catch(error){byId("answer").textContent=`Not\
- all is here: ${messageOf(error)}.`}this.busy=!1,document.documentElement.dataset.near="yes"}}};var STEEPEST=Math.PI/2-1e-4,Camera=class{azimuth=0;elevation=.8;distance=1;flat=!1;size=1;wide=1;deep=1;target=[0,0,0];constructor(box,aspect){this.box=box,this.
+put(0,high),put(2,high),put(3,high),building.fill(number+1,face,face+TRIANGLES_OF_BOX),lod.fill(lods[number]?BOX:0,face,face+TRIANGLES_OF_BOX),kind.fill(2,face+
+ROOF_OF_BOX,face+TRIANGLES_OF_BOX),slope.fill(0,face+ROOF_OF_BOX,face+TRIANGLES_OF_BOX),face+=TRIANGLES_OF_BOX}let bare=()=>({xyz:new Float32Array(0),building:new Uint32Array(
+0),epochs:new Uint8Array(0),count:0}),points={...bare(),classification:new Uint8Array(0),plane:new Uint8Array(0),distance:new Int16Array(0),over:new Uint8Array(
+0),base:page.base},triangles={xyz,building,lod,kind,slope,azimuth:new Float32Array(count),epochs:new Uint8Array(count),error:new Uint16Array(count).fill(65535),
+count};return{points,triangles,edges:{...bare(),lod:new Uint8Array(0)},prints:bare(),grounds:this.grounds.map(ground=>({...ground,position:this.sunk(ground.position,
+near)}))}}sunk(position,near){let lower=position.slice();for(let number of near){let[west,south,east,north]=this.squares[number];for(let at=0;at<lower.length;at+=
+3)lower[at]>west&&lower[at]<east&&lower[at+1]>south&&lower[at+1]<north&&(lower[at+2]-=SUNK)}return lower}scene(){return{...joined([this.boxes(this.near),...this.
+near.map(number=>this.scenes.get(number))]),rows:this.rows,far:this.far}}wanted({distance,target:[x,y]}){if(distance>NEAR)return[];let away=([west,south,east,north])=>Math.
+hypot(Math.max(west-x,0,x-east),Math.max(south-y,0,y-north)),order=this.squares.map((square,number)=>[away(square),number,square[4]]).filter(([far])=>far<Math.max(
+200,.8*distance)).sort((one,two)=>one[0]-two[0]),count=0;return order.filter(([,,buildings],place)=>(count+=buildings)<=NEAR_BUILDINGS||!place).map(([,number])=>number).
+sort((one,two)=>one-two)}async follow(viewer){this.viewer=viewer,viewer.city=this,viewer.pace.quality=QUALITIES.length-2,viewer.refresh(),await viewer.pace.first(),
+(await unpackRows(await fetched("rows"))).forEach((row,number)=>{this.rows[number]=row})}async look(){let{viewer}=this;if(!viewer)return;let near=this.wanted(viewer.
+camera);if(!(this.busy||near.join()===this.near.join())){this.busy=!0,document.documentElement.dataset.near="no";try{await Promise.all(near.filter(number=>!this.
+scenes.has(number)).map(async number=>{let{terrain,arrays}=await fetched(number);this.scenes.set(number,readScene(await unpackAll(arrays),terrain))})),this.near=
+near;for(let number of this.scenes.keys())this.scenes.size>SQUARES_KEPT&&!near.includes(number)&&this.scenes.delete(number);viewer.load(this.scene()),viewer.refresh(),
+viewer.profile.draw(),viewer.look.chosen&&viewer.describe(viewer.look.chosen-1)}catch(error){byId("answer").textContent=`Not all is here: ${messageOf(error)}.`}
+this.busy=!1,document.documentElement.dataset.near="yes"}}};var STEEPEST=Math.PI/2-1e-4,Camera=class{azimuth=0;elevation=.8;distance=1;flat=!1;size=1;wide=1;deep=1;target=[0,0,0];constructor(box,aspect){this.box=box,this.
 aspect=aspect,this.reset()}reset(){let{low,high}=this.box;this.target=low.map((value,axis)=>(value+high[axis])/2),this.size=Math.max(10,Math.hypot(high[0]-low[0],
 high[1]-low[1])),this.wide=high[0]-low[0],this.deep=high[1]-low[1],this.flat=!1;let tries=[-.35,-.35-Math.PI/2].map(azimuth=>(Object.assign(this,{distance:1.36*
 this.size,azimuth,elevation:.8,target:low.map((value,axis)=>(value+high[axis])/2)}),this.fit(),{azimuth,distance:this.distance,target:this.target}));Object.assign(
@@ -367,32 +388,40 @@ void main() {
   result = vec4(own * light, tint.a);
 }`,UNIFORMS=["view","chosen","only","points","strength","fade","mark","shaded","eye","pictured","lay","split"];var Painter=class{constructor(canvas){let gl=canvas.getContext("webgl2",{antialias:!1,alpha:!1,depth:!1});if(!gl)throw new Error("this browser gives no WebGL2; \
 the table and the figures below work without it");this.gl=gl,this.canvas=canvas,this.layers=[],this.targets=new Map,this.spot=this.fade=this.far=1,this.texture=
-null,this.lay=null,this.target=null;let program=this.program=gl.createProgram();for(let[kind,source2]of[[gl.VERTEX_SHADER,VERTEX],[gl.FRAGMENT_SHADER,FRAGMENT]]){
-let shader=gl.createShader(kind);if(gl.shaderSource(shader,source2),gl.compileShader(shader),!gl.getShaderParameter(shader,gl.COMPILE_STATUS))throw new Error(gl.
-getShaderInfoLog(shader)??"");gl.attachShader(program,shader)}if(["position","colour","building"].forEach((name,place)=>gl.bindAttribLocation(program,place,name)),
-gl.linkProgram(program),!gl.getProgramParameter(program,gl.LINK_STATUS))throw new Error(gl.getProgramInfoLog(program)??"");this.uniform=Object.fromEntries(UNIFORMS.
-map(name=>[name,gl.getUniformLocation(program,name)])),this.samples=Math.min(4,gl.getParameter(gl.MAX_SAMPLES))}add(kind,position,building,{shaded=!1,strength=0,
-minor=!1,fades=!1,opacity=1}={}){let gl=this.gl,vao=gl.createVertexArray();gl.bindVertexArray(vao);let buffers=[],fill=(place,data,size,type,normalised)=>{let buffer=gl.
-createBuffer();return buffers.push(buffer),gl.bindBuffer(gl.ARRAY_BUFFER,buffer),gl.bufferData(gl.ARRAY_BUFFER,data,gl.DYNAMIC_DRAW),gl.enableVertexAttribArray(
-place),gl.vertexAttribPointer(place,size,type,normalised,0,0),buffer};fill(0,position,3,gl.FLOAT,!1);let colour=fill(1,new Uint8Array(4*position.length/3),4,gl.
-UNSIGNED_BYTE,!0);fill(2,building,1,gl.UNSIGNED_INT,!1),gl.bindVertexArray(null);let mode={points:gl.POINTS,triangles:gl.TRIANGLES,lines:gl.LINES}[kind],layer={
-kind,mode,vao,buffers,colour,shaded,strength,minor,fades,opacity,pictured:!1,drawn:[],shown:new Uint32Array(0)};return this.layers.push(layer),layer}refill({buffers},position,building){
-let gl=this.gl;for(let[buffer,data]of[[buffers[0],position],[buffers[2],building]])gl.bindBuffer(gl.ARRAY_BUFFER,buffer),gl.bufferData(gl.ARRAY_BUFFER,data,gl.DYNAMIC_DRAW)}clear(){
-for(let{vao,buffers,drawn}of this.layers){this.gl.deleteVertexArray(vao);for(let buffer of[...buffers,...drawn.map(list=>list.buffer)])this.gl.deleteBuffer(buffer)}
-this.layers=[]}picture(image,lay2){let gl=this.gl;gl.deleteTexture(this.texture),gl.bindTexture(gl.TEXTURE_2D,this.texture=gl.createTexture()),gl.texImage2D(gl.
-TEXTURE_2D,0,gl.RGB8,gl.RGB,gl.UNSIGNED_BYTE,image),gl.generateMipmap(gl.TEXTURE_2D);for(let side of[gl.TEXTURE_WRAP_S,gl.TEXTURE_WRAP_T])gl.texParameteri(gl.TEXTURE_2D,
-side,gl.CLAMP_TO_EDGE);gl.texParameteri(gl.TEXTURE_2D,gl.TEXTURE_MIN_FILTER,gl.LINEAR_MIPMAP_LINEAR);let slanted=gl.getExtension("EXT_texture_filter_anisotropic");
-slanted&&gl.texParameteri(gl.TEXTURE_2D,slanted.TEXTURE_MAX_ANISOTROPY_EXT,8),this.lay=new Float32Array(lay2)}recolour(layer,colours){this.gl.bindBuffer(this.gl.
-ARRAY_BUFFER,layer.colour),this.gl.bufferData(this.gl.ARRAY_BUFFER,colours,this.gl.DYNAMIC_DRAW)}show(layer,...lists){let gl=this.gl;for(let{buffer}of layer.drawn)
-gl.deleteBuffer(buffer);gl.bindVertexArray(null),layer.drawn=lists.map(list=>{let buffer=gl.createBuffer();return gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER,buffer),
-gl.bufferData(gl.ELEMENT_ARRAY_BUFFER,list,gl.STATIC_DRAW),{buffer,count:list.length}}),layer.shown=lists[0]}pieces({points,ground,lines}){let pieces=[];for(let layer of this.
-layers){let list=layer.drawn[Math.min(ground,layer.drawn.length-1)];if(!list||layer.minor&&!lines)continue;let count=layer.kind==="points"?Math.min(points,list.
-count):list.count,grown=layer.kind==="points"?Math.min(2.2,Math.sqrt(list.count/Math.max(1,count))):1;for(let first=0;first<count;first+=9e4)pieces.push({layer,
-list,first,count:Math.min(9e4,count-first),grown})}return pieces}begin(camera,look,{scale,smooth},size){let gl=this.gl,uniform=this.uniform,ratio=scale*Math.min(
-2,window.devicePixelRatio||1),[width,height]=size??[this.canvas.clientWidth,this.canvas.clientHeight].map(side=>Math.max(1,Math.round(side*ratio)));this.target=
-this.targetOf(width,height,smooth?this.samples:0),gl.bindFramebuffer(gl.FRAMEBUFFER,this.target.frame),gl.viewport(0,0,width,height),gl.depthMask(!0);let[red,green,
-blue]=look.background;gl.clearColor(red,green,blue,1),gl.clear(gl.COLOR_BUFFER_BIT|gl.DEPTH_BUFFER_BIT),gl.enable(gl.DEPTH_TEST),gl.depthFunc(gl.LEQUAL),gl.useProgram(
-this.program),gl.uniformMatrix4fv(uniform.view,!1,camera.matrix(width/height)),gl.uniform3fv(uniform.eye,camera.eye()),gl.uniform1f(uniform.chosen,look.chosen),
+null,this.lay=null,this.target=null,this.sight={matrix:new Float32Array(16),eye:[0,0,0],step:1,distance:1,flat:!1};let program=this.program=gl.createProgram();for(let[
+kind,source2]of[[gl.VERTEX_SHADER,VERTEX],[gl.FRAGMENT_SHADER,FRAGMENT]]){let shader=gl.createShader(kind);if(gl.shaderSource(shader,source2),gl.compileShader(shader),
+!gl.getShaderParameter(shader,gl.COMPILE_STATUS))throw new Error(gl.getShaderInfoLog(shader)??"");gl.attachShader(program,shader)}if(["position","colour","build\
+ing"].forEach((name,place)=>gl.bindAttribLocation(program,place,name)),gl.linkProgram(program),!gl.getProgramParameter(program,gl.LINK_STATUS))throw new Error(gl.
+getProgramInfoLog(program)??"");this.uniform=Object.fromEntries(UNIFORMS.map(name=>[name,gl.getUniformLocation(program,name)])),this.samples=Math.min(4,gl.getParameter(
+gl.MAX_SAMPLES))}add(kind,position,building,{shaded=!1,strength=0,minor=!1,fades=!1,opacity=1}={}){let gl=this.gl,vao=gl.createVertexArray();gl.bindVertexArray(
+vao);let buffers=[],fill=(place,data,size,type,normalised)=>{let buffer=gl.createBuffer();return buffers.push(buffer),gl.bindBuffer(gl.ARRAY_BUFFER,buffer),gl.bufferData(
+gl.ARRAY_BUFFER,data,gl.DYNAMIC_DRAW),gl.enableVertexAttribArray(place),gl.vertexAttribPointer(place,size,type,normalised,0,0),buffer};fill(0,position,3,gl.FLOAT,
+!1);let colour=fill(1,new Uint8Array(4*position.length/3),4,gl.UNSIGNED_BYTE,!0);fill(2,building,1,gl.UNSIGNED_INT,!1),gl.bindVertexArray(null);let mode={points:gl.
+POINTS,triangles:gl.TRIANGLES,lines:gl.LINES}[kind],layer={kind,mode,vao,buffers,colour,shaded,strength,minor,fades,opacity,pictured:!1,drawn:[],shown:new Uint32Array(
+0)};return this.layers.push(layer),layer}refill({buffers},position,building){let gl=this.gl;for(let[buffer,data]of[[buffers[0],position],[buffers[2],building]])
+gl.bindBuffer(gl.ARRAY_BUFFER,buffer),gl.bufferData(gl.ARRAY_BUFFER,data,gl.DYNAMIC_DRAW)}clear(){for(let{vao,buffers,drawn}of this.layers){this.gl.deleteVertexArray(
+vao);for(let buffer of[...buffers,...drawn.map(list=>list.buffer)])this.gl.deleteBuffer(buffer)}this.layers=[]}picture(image,lay2){let gl=this.gl;gl.deleteTexture(
+this.texture),gl.bindTexture(gl.TEXTURE_2D,this.texture=gl.createTexture()),gl.texImage2D(gl.TEXTURE_2D,0,gl.RGB8,gl.RGB,gl.UNSIGNED_BYTE,image),gl.generateMipmap(
+gl.TEXTURE_2D);for(let side of[gl.TEXTURE_WRAP_S,gl.TEXTURE_WRAP_T])gl.texParameteri(gl.TEXTURE_2D,side,gl.CLAMP_TO_EDGE);gl.texParameteri(gl.TEXTURE_2D,gl.TEXTURE_MIN_FILTER,
+gl.LINEAR_MIPMAP_LINEAR);let slanted=gl.getExtension("EXT_texture_filter_anisotropic");slanted&&gl.texParameteri(gl.TEXTURE_2D,slanted.TEXTURE_MAX_ANISOTROPY_EXT,
+8),this.lay=new Float32Array(lay2)}recolour(layer,colours){this.gl.bindBuffer(this.gl.ARRAY_BUFFER,layer.colour),this.gl.bufferData(this.gl.ARRAY_BUFFER,colours,
+this.gl.DYNAMIC_DRAW)}show(layer,...lists){let gl=this.gl;for(let{buffer}of layer.drawn)gl.deleteBuffer(buffer);gl.bindVertexArray(null),layer.drawn=lists.map(list=>{
+let buffer=gl.createBuffer();return gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER,buffer),gl.bufferData(gl.ELEMENT_ARRAY_BUFFER,list,gl.STATIC_DRAW),{buffer,count:list.
+length,numbers:list}}),layer.shown=lists[0]}pieces({points,ground,lines,detail}){let pieces=[];for(let layer of this.layers){if(layer.blocks&&pieces.push(...this.
+piecesOf(layer.blocks,detail)),layer.blocks)continue;let list=layer.drawn[Math.min(ground,layer.drawn.length-1)];if(!list||layer.minor&&!lines)continue;let count=layer.
+kind==="points"?Math.min(points,list.count):list.count,grown=layer.kind==="points"?Math.min(2.2,Math.sqrt(list.count/Math.max(1,count))):1;for(let first=0;first<
+count;first+=9e4)pieces.push({layer,list,first,count:Math.min(9e4,count-first),grown})}return pieces}piecesOf(blocks,detail){let pieces=[];for(let{low,high,ways}of blocks){
+let step=low.length?detail*this.stepAt(low,high):0;if(Number.isNaN(step))continue;let{layer,list,first,count}=ways.find(way=>way.size>=step)??ways[ways.length-1],
+last=pieces[pieces.length-1];if(last&&last.list===list&&last.first+last.count===first&&last.count+count<=9e4)last.count+=count;else for(let from=first;from<first+
+count;from+=9e4)pieces.push({layer,list,first:from,count:Math.min(9e4,first+count-from),grown:1})}return pieces}stepAt(low,high){let{matrix,eye,step,distance,flat}=this.
+sight,outside=[0,0,0,0];for(let corner=0;corner<8;corner++){let place=[...low.map((value,axis)=>corner>>axis&1?high[axis]:value),1],[x,y,,w]=[0,1,2,3].map(row=>place.
+reduce((sum,value,column2)=>sum+value*matrix[4*column2+row],0));[x<-w,x>w,y<-w,y>w].forEach((beyond,side)=>{outside[side]+=beyond?1:0})}return outside.includes(
+8)?NaN:flat?step:step*Math.hypot(...eye.map((value,axis)=>Math.max(low[axis]-value,0,value-high[axis])))/distance}begin(camera,look,{scale,smooth},size){let gl=this.
+gl,uniform=this.uniform,ratio=scale*Math.min(2,window.devicePixelRatio||1),[width,height]=size??[this.canvas.clientWidth,this.canvas.clientHeight].map(side=>Math.
+max(1,Math.round(side*ratio)));this.target=this.targetOf(width,height,smooth?this.samples:0),gl.bindFramebuffer(gl.FRAMEBUFFER,this.target.frame),gl.viewport(0,
+0,width,height),gl.depthMask(!0);let[red,green,blue]=look.background;gl.clearColor(red,green,blue,1),gl.clear(gl.COLOR_BUFFER_BIT|gl.DEPTH_BUFFER_BIT),gl.enable(
+gl.DEPTH_TEST),gl.depthFunc(gl.LEQUAL),gl.useProgram(this.program);let matrix=camera.matrix(width/height),eye=camera.eye();this.sight={matrix,eye,step:camera.step(
+height),distance:camera.distance,flat:camera.flat},gl.uniformMatrix4fv(uniform.view,!1,matrix),gl.uniform3fv(uniform.eye,eye),gl.uniform1f(uniform.chosen,look.chosen),
 gl.uniform1f(uniform.only,look.only?1:0),gl.uniform1f(uniform.split,look.split*width),gl.uniform3fv(uniform.mark,look.mark),this.spot=look.pointSize/camera.step(
 height),this.fade=Math.min(1,Math.max(.2,.16/camera.step(this.canvas.clientHeight))),this.far=camera.flat?0:camera.distance}draw({layer,list,first,count,grown}){
 let gl=this.gl,uniform=this.uniform,spot=this.spot*grown,points=layer.kind!=="points"?0:this.far?spot*this.far:-Math.min(11,Math.max(1.5,spot));gl.uniform1f(uniform.
@@ -492,12 +521,13 @@ name,layer,width]of[["triangles",layers.models,3],["edges",layers.edges,2],["pri
 own?.building.fill(number+1),scene[name]=own?joinThings([others,{...own,dressed:new Uint8Array(4*width*own.count),seen:new Uint8Array(own.count)}]):others,first[name]=
 others.count,painter.refill(layer,scene[name].xyz,repeated(scene[name].building,width))}let{rows}=scene,none={xyz:new Float32Array(0),building:new Uint32Array(0),
 count:0},alone={rows,prints:fresh?.prints??none,triangles:fresh?.triangles??none};this.spots[number]=spotsOf(alone)[number],this.finest.fill(0,3*(number+1),3*(number+
-2)),this.finest=finestOf(alone,this.finest),this.dressShapes(first),this.ask()}layersOf({points,triangles,edges,prints,grounds}){let{painter}=this;return{grounds:grounds.
-map(({position})=>painter.add("triangles",position,new Uint32Array(position.length/3),{shaded:!0})),models:painter.add("triangles",triangles.xyz,repeated(triangles.
-building,3),{shaded:!0,strength:.25}),edges:painter.add("lines",edges.xyz,repeated(edges.building,2),{strength:1,minor:!0,fades:!0}),prints:painter.add("lines",
-prints.xyz,repeated(prints.building,2),{strength:1,minor:!0}),points:painter.add("points",points.xyz,Uint32Array.from(points.building)),other:painter.add("point\
-s",points.xyz,new Uint32Array(points.count),{opacity:OTHER_OPACITY})}}async addImage(address){let image=new Image,{rows,columns,cell,west,north}=page.terrain,[wide,
-tall]=[columns*cell,rows*cell];image.src=address,await image.decode(),this.painter.picture(image,[-west/wide,1/wide,0,0,0,0,north/tall,0,-1/tall,0,0,0]),frameOf(
+2)),this.finest=finestOf(alone,this.finest),this.dressShapes(first),this.ask()}layersOf({points,triangles,edges,prints,grounds,far={xyz:new Float32Array(0),building:new Uint32Array(
+0),epochs:new Uint8Array(0),count:0}}){let{painter}=this;return{grounds:grounds.map(({position})=>painter.add("triangles",position,new Uint32Array(position.length/
+3),{shaded:!0})),models:painter.add("triangles",triangles.xyz,repeated(triangles.building,3),{shaded:!0,strength:.25}),far:painter.add("triangles",far.xyz,repeated(
+far.building,3),{shaded:!0,strength:.25}),edges:painter.add("lines",edges.xyz,repeated(edges.building,2),{strength:1,minor:!0,fades:!0}),prints:painter.add("lin\
+es",prints.xyz,repeated(prints.building,2),{strength:1,minor:!0}),points:painter.add("points",points.xyz,Uint32Array.from(points.building)),other:painter.add("p\
+oints",points.xyz,new Uint32Array(points.count),{opacity:OTHER_OPACITY})}}async addImage(address){let image=new Image,{rows,columns,cell,west,north}=page.terrain,
+[wide,tall]=[columns*cell,rows*cell];image.src=address,await image.decode(),this.painter.picture(image,[-west/wide,1/wide,0,0,0,0,north/tall,0,-1/tall,0,0,0]),frameOf(
 "basemap").hidden=!1}checked(name){return field(name).checked}refresh(){let{scene,painter,layers}=this,{points,grounds}=scene;this.look.background=shade("--sky").
 map(value=>value/255),this.look.mark=shade("--mark").map(value=>value/255),this.look.only=this.checked("only");let size=Number(field("size").value);this.look.pointSize=
 .35*size;let earth=shade("--earth");layers.grounds.forEach((layer,place)=>{let{position,light,details,epoch}=grounds[place],count2=position.length/3;layer.pictured=
@@ -510,33 +540,35 @@ null),this.dressShapes(),legend(byId("point-legend"),layers.points.shown.length+
 triangles:0,edges:0,prints:0}){let{scene,painter,layers}=this,{triangles,edges,prints}=scene,line=shade("--line"),outline=shade("--outline"),wantedLod=page.lods.
 indexOf(field("lod").value),shown=(things,number)=>things.lod[number]===BOX||things.lod[number]===(wantedLod<0?this.finest[modelOf(things,number)]:wantedLod),modelWay=modelColours(
 field("model-colour").value,scene),scale=JSON.stringify(modelWay.legend);scale!==this.scale&&Object.assign(first,{triangles:0}),this.scale=scale;let[roofs,walls]=[
-this.checked("roofs"),this.checked("walls")],red=bytes(LOD_COLOURS.none);this.dress(layers.models,triangles,3,number=>{let row=triangles.building[number],kind=triangles.
+this.checked("roofs"),this.checked("walls")],red=bytes(LOD_COLOURS.none);if(this.dress(layers.models,triangles,3,number=>{let row=triangles.building[number],kind=triangles.
 kind[number];return!shown(triangles,number)||!(kind===2?roofs:walls)?null:triangles.lod[number]===0&&wantedLod<0&&page.modelled?red:modelWay.at(number,row-1)},(vertex,number)=>triangles.
-kind[number]===1?wallShade(triangles.xyz[3*vertex+2]-this.spots[triangles.building[number]-1].low[2]):1,first.triangles),this.city&&painter.show(layers.models,layers.
-models.shown,layers.models.shown,layers.models.shown.filter(vertex=>triangles.lod[Math.floor(vertex/3)]!==BOX||triangles.kind[Math.floor(vertex/3)]===2)),this.dress(
-layers.edges,edges,2,number=>this.checked("edges")&&edges.lod[number]>0&&shown(edges,number)?line:null,null,first.edges),this.dress(layers.prints,prints,2,()=>this.
-checked("prints")?outline:null,null,first.prints),legend(byId("model-legend"),modelWay.legend)}dress(layer,things,width,colour,bright=null,first=0){let{epochs,count}=things;
-first||Object.assign(things,{dressed:new Uint8Array(4*count*width),seen:new Uint8Array(count)});let dressed=things.dressed,seen=things.seen,list=new Uint32Array(
-count*width),end=0;for(let number=0;number<count;number++){let answer=number>=first?colour(number):null;if(answer){seen[number]=1;for(let vertex=number*width;vertex<
-(number+1)*width;vertex++){let light=bright?bright(vertex,number):1;for(let band=0;band<3;band++)dressed[4*vertex+band]=light*answer[band];dressed[4*vertex+3]=epochs[number]}}
-if(seen[number])for(let vertex=number*width;vertex<(number+1)*width;vertex++)list[end++]=vertex}this.painter.recolour(layer,dressed),this.painter.show(layer,list.
-slice(0,end))}ask(){this.pace.ask()}address(){return addressOf(this)}obeyAddress(hash){obeyAddress(this,hash)}before(){return this.camera.aspect=this.canvas.clientWidth/
-Math.max(1,this.canvas.clientHeight),this.look.split=this.epochs.share(),[this.camera,this.look]}after(quality){let counts=[this.layers.points,this.layers.other].
-map(layer=>layer.shown.length),sum=(one,two)=>one+two,here=counts.reduce(sum),drawn=counts.map(count=>Math.min(count,QUALITIES[quality].points)).reduce(sum);byId(
-"moving").hidden=!quality,quality&&(byId("moving").textContent=`While it moves: ${drawn<here?`${drawn.toLocaleString("en")} of ${here.toLocaleString("en")} poin\
-ts, `:""}coarser ground${QUALITIES[quality].lines?"":", no lines"}, lower resolution`),this.measure(),!quality&&this.city&&this.city.look()}measure(){let step=this.
-camera.step(this.canvas.clientHeight),rough=120*step,power=10**Math.floor(Math.log10(rough)),length=[5,2,1].map(times=>times*power).find(value=>value<=rough)||power;
-byId("scale").style.width=`${length/step}px`,byId("scale").textContent=`${length<1?length.toFixed(1):length} m`,this.ruler.draw(),this.tools.draw(),byId("needle").
-style.transform=`rotate(${this.camera.azimuth}rad)`}fly(place){let{low,high}=boxOf(this.scene),there=place.every((value,axis)=>value>=low[axis]&&value<=high[axis]);
-byId("answer").textContent=there?"at these coordinates":"these coordinates lie outside of what is shown",there&&(this.camera.flyTo([...place,this.camera.target[2]],
-15),this.refresh())}describe(number){describe(byId("building"),this.all[number],number,this.scene)}choose(number,fly=!0){this.tell(number,fly),this.refresh()}tell(number,fly){
-let row=this.all[number],spot=this.spots[number];if(this.look.chosen=spot?number+1:0,byId("building").hidden=!row,byId("hint").hidden=!!row,this.verdicts.choose(
-row),field("find").value=row?row.id:"",document.documentElement.dataset.chosen=row?row.id:"",row){this.describe(number);let side=byId("controls"),top=byId("buil\
-ding").offsetTop-side.offsetTop;if(top>side.scrollTop+side.clientHeight-200&&(side.scrollTop=top-8),byId("status").textContent=`building ${row.id} chosen${spot?
-"":", which is not drawn"}`,fly&&spot&&Number.isFinite(spot.low[0])){let{low,high}=spot;this.camera.flyTo(low.map((value,axis)=>(value+high[axis])/2),Math.hypot(
-high[0]-low[0],high[1]-low[1],high[2]-low[2])/2)}}this.table?.mark(row?number:-1);for(let done of this.tools?.choosers??[])done(row?number:-1,row)}view(name){let{
-camera,look}=this;name==="above"?camera.above(!look.chosen):name==="side"?camera.side(this.quarter=(this.quarter+1)%4):name==="north"?camera.azimuth=0:name==="o\
-blique"?Object.assign(camera,{flat:!1,elevation:.75}):(camera.reset(),this.quarter=-1),name==="side"&&look.chosen&&this.choose(look.chosen-1),this.ask()}};var NAMES_OFFERED=4e3;async function start(){let viewer=null,city=null,all=[];try{city=page.city?await City.open():null,all=city?city.rows:page.rows.concat(await unpackRows(
+kind[number]===1?wallShade(triangles.xyz[3*vertex+2]-this.spots[triangles.building[number]-1].low[2]):1,first.triangles),this.city&&scene.far){let all=layers.models.
+shown,{building}=scene.far,roofOf=this.city.roofOf();painter.show(layers.models,all,all.filter(vertex=>triangles.lod[Math.floor(vertex/3)]!==BOX||triangles.kind[Math.
+floor(vertex/3)]===2)),this.dress(layers.far,scene.far,3,number=>modelWay.at(roofOf[building[number]-1],building[number]-1)),layers.far.blocks=[],layers.models.
+blocks=this.city.blocks(layers.models,layers.far,roofs)}this.dress(layers.edges,edges,2,number=>this.checked("edges")&&edges.lod[number]>0&&shown(edges,number)?
+line:null,null,first.edges),this.dress(layers.prints,prints,2,()=>this.checked("prints")?outline:null,null,first.prints),legend(byId("model-legend"),modelWay.legend)}dress(layer,things,width,colour,bright=null,first=0){
+let{epochs,count}=things;first||Object.assign(things,{dressed:new Uint8Array(4*count*width),seen:new Uint8Array(count)});let dressed=things.dressed,seen=things.
+seen,list=new Uint32Array(count*width),end=0;for(let number=0;number<count;number++){let answer=number>=first?colour(number):null;if(answer){seen[number]=1;for(let vertex=number*
+width;vertex<(number+1)*width;vertex++){let light=bright?bright(vertex,number):1;for(let band=0;band<3;band++)dressed[4*vertex+band]=light*answer[band];dressed[4*
+vertex+3]=epochs[number]}}if(seen[number])for(let vertex=number*width;vertex<(number+1)*width;vertex++)list[end++]=vertex}this.painter.recolour(layer,dressed),this.
+painter.show(layer,list.slice(0,end))}ask(){this.pace.ask()}address(){return addressOf(this)}obeyAddress(hash){obeyAddress(this,hash)}before(){return this.camera.
+aspect=this.canvas.clientWidth/Math.max(1,this.canvas.clientHeight),this.look.split=this.epochs.share(),[this.camera,this.look]}after(quality){let counts=[this.
+layers.points,this.layers.other].map(layer=>layer.shown.length),sum=(one,two)=>one+two,here=counts.reduce(sum),drawn=counts.map(count=>Math.min(count,QUALITIES[quality].
+points)).reduce(sum);byId("moving").hidden=!quality,quality&&(byId("moving").textContent=`While it moves: ${drawn<here?`${drawn.toLocaleString("en")} of ${here.
+toLocaleString("en")} points, `:""}${this.city?"buildings far away as one, ":""}coarser ground${QUALITIES[quality].lines?"":", no lines"}, lower resolution`),this.
+measure(),!quality&&this.city&&this.city.look()}measure(){let step=this.camera.step(this.canvas.clientHeight),rough=120*step,power=10**Math.floor(Math.log10(rough)),
+length=[5,2,1].map(times=>times*power).find(value=>value<=rough)||power;byId("scale").style.width=`${length/step}px`,byId("scale").textContent=`${length<1?length.
+toFixed(1):length} m`,this.ruler.draw(),this.tools.draw(),byId("needle").style.transform=`rotate(${this.camera.azimuth}rad)`}fly(place){let{low,high}=boxOf(this.
+scene),there=place.every((value,axis)=>value>=low[axis]&&value<=high[axis]);byId("answer").textContent=there?"at these coordinates":"these coordinates lie outsi\
+de of what is shown",there&&(this.camera.flyTo([...place,this.camera.target[2]],15),this.refresh())}describe(number){describe(byId("building"),this.all[number],
+number,this.scene)}choose(number,fly=!0){this.tell(number,fly),this.refresh()}tell(number,fly){let row=this.all[number],spot=this.spots[number];if(this.look.chosen=
+spot?number+1:0,byId("building").hidden=!row,byId("hint").hidden=!!row,this.verdicts.choose(row),field("find").value=row?row.id:"",document.documentElement.dataset.
+chosen=row?row.id:"",row){this.describe(number);let side=byId("controls"),top=byId("building").offsetTop-side.offsetTop;if(top>side.scrollTop+side.clientHeight-
+200&&(side.scrollTop=top-8),byId("status").textContent=`building ${row.id} chosen${spot?"":", which is not drawn"}`,fly&&spot&&Number.isFinite(spot.low[0])){let{
+low,high}=spot;this.camera.flyTo(low.map((value,axis)=>(value+high[axis])/2),Math.hypot(high[0]-low[0],high[1]-low[1],high[2]-low[2])/2)}}this.table?.mark(row?number:
+-1);for(let done of this.tools?.choosers??[])done(row?number:-1,row)}view(name){let{camera,look}=this;name==="above"?camera.above(!look.chosen):name==="side"?camera.
+side(this.quarter=(this.quarter+1)%4):name==="north"?camera.azimuth=0:name==="oblique"?Object.assign(camera,{flat:!1,elevation:.75}):(camera.reset(),this.quarter=
+-1),name==="side"&&look.chosen&&this.choose(look.chosen-1),this.ask()}};var NAMES_OFFERED=4e3;async function start(){let viewer=null,city=null,all=[];try{city=page.city?await City.open():null,all=city?city.rows:page.rows.concat(await unpackRows(
 page.others))}catch(error){return trouble(error)}let rows=city?all:page.rows;try{viewer=new Viewer(city?city.scene():{...readScene(await unpackAll(page.arrays)),
 rows},all),page.basemap&&await viewer.addImage(page.basemap),city&&await city.follow(viewer),listenToCanvas(viewer),listenToControls(viewer),listenToPrint(viewer),
 keepAddress(viewer),obeyAddress(viewer),window.eaves=viewer,addEventListener("hashchange",()=>obeyAddress(window.eaves)),await viewer.pace.first()}catch(error){
