@@ -16,8 +16,8 @@ from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
 from eaves.solids.soundness import LOWEST_WALL
 
-LARGEST = 1e5
-"""Cost of a label at a node from which it is never taken."""
+MOST, LARGEST = 99999.0, 1e5
+"""Highest cost of a label that a node may take, and the cost of one that is never taken."""
 
 LEAST_GAIN = 1e-4
 """Moves that gain no more than this are not made."""
@@ -40,22 +40,25 @@ class Borders(NamedTuple):
     full: float
 
 
-def label_nodes(data: Values, borders: Borders, region_cost: float) -> Integers:
+def label_nodes(
+    data: Values, borders: Borders, region_cost: float, labels: Integers | None = None
+) -> Integers:
     """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of regions,
-    each all of one label that hangs together.
+    each all of one label that hangs together; reached from `labels` (N,) where they are known.
 
     `data` (N, L) is the cost of each label at each node. The nodes choose one after the other, those first
     for which it makes most difference. Then nodes and regions move to the label that is cheapest for them, as
     long as that lowers the sum. Moves of regions leave the minima in which single nodes are caught. That a
     move may cut a region in two is not priced.
     """
-    labels = np.full(len(data), OUTSIDE)
     second = np.partition(data, min(1, data.shape[1] - 1), axis=1)[:, :2]
-    order = np.argsort(second[:, 0] - second[:, -1], kind="stable")
+    order = np.argsort(second[:, 0] - second[:, -1], kind="stable")[: len(data) if labels is None else 0]
+    labels = np.full(len(data), OUTSIDE) if labels is None else labels.copy()
     ends = borders.edges.ravel()
     around = np.argsort(ends, kind="stable") // 2
     first = np.searchsorted(np.sort(ends), np.arange(len(data) + 1))
-    settle_kernel(data, borders, region_cost, around, first, order, labels)
+    most = data.min(axis=1) + region_cost + np.bincount(ends, np.repeat(borders.cost, 2), len(data))
+    settle_kernel(data, borders, region_cost, around, first, order, np.minimum(most, MOST), labels)
     return labels
 
 
@@ -82,16 +85,18 @@ def settle_kernel(
     around: Integers,
     first: Integers,
     order: Integers,
+    most: Values,
     labels: Integers,
 ) -> None:
     """Chooses the `labels` (N,), in their `order` (N,), and moves them until no move lowers the sum; the
-    edges of node n are `around[first[n]]` to `around[first[n + 1]]`.
+    edges of node n are `around[first[n]]` to `around[first[n + 1]]`. A label that costs node n more than
+    `most[n]` is none for it: it would leave it at once, whatever is around.
     """
     group, stamp, turn = np.full(len(labels), -1), np.full(len(labels), -1), 0
     rim = np.empty((len(around), 2), np.int64)
-    start, may = np.zeros(len(labels) + 1, np.int64), np.empty(int(np.sum(data < LARGEST)), np.int64)
+    start, may = np.zeros(len(labels) + 1, np.int64), np.empty(data.size, np.int64)
     for node in range(len(labels)):
-        free = np.flatnonzero(data[node] < LARGEST)
+        free = np.flatnonzero(data[node] <= most[node])
         start[node + 1] = start[node] + len(free)
         may[start[node] : start[node + 1]] = free
     for node in order:
@@ -211,6 +216,10 @@ NORMAL_MEDIAN = 0.6745
 RUNAWAY = 1e3
 """Cost (m²) of a metre under the lowest roof, or over what was seen: more than any residual."""
 
+FARTHEST = 10.0
+"""A plane is in no cell that lies farther (m) from the box of its points: of a block of a hundred houses that
+leaves a cell the planes of its neighbours."""
+
 GAUSS_PLACES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(2)[0]
 """Places along a border at which its jump is measured: the two of Gauss-Legendre quadrature."""
 
@@ -316,7 +325,12 @@ def cell_costs(
 ) -> Values:
     """The cost (C, P; m²) of every plane for every cell; `located` are roof points and their cells."""
     point, cell = located
-    order = np.argsort(cell, kind="stable")
+    order, known = np.argsort(cell, kind="stable"), reach.labels >= 0
+    low, high = np.full((2, len(reach.planes), 2), np.inf)
+    np.minimum.at(low, reach.labels[known], reach.roof[known, :2])
+    np.minimum.at(high, reach.labels[known], -reach.roof[known, :2])
+    box = np.hstack([low, -high]) + [-FARTHEST, -FARTHEST, FARTHEST, FARTHEST]
+    box[np.isinf(box[:, 0])] = -np.inf, -np.inf, np.inf, np.inf  # of a plane without points
     inner = np.flatnonzero(coverage.cell != OUTSIDE)
     inner = inner[np.argsort(coverage.cell[inner], kind="stable")]
     data: Values = cell_costs_kernel(
@@ -325,18 +339,30 @@ def cell_costs(
         coverage.nodes[coverage.start[inner]],
         np.searchsorted(coverage.cell[inner], np.arange(coverage.count + 1)),
         reach.planes,
-        np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in reach.planes.tolist()]),
+        box,
         reach.lowest,
         reach.limit,
         costs.gross_limit,
         reach.spacing**2,
     )
     rise = rise_over(coverage.nodes, reach.roof, reach.labels, reach.planes, reach.highest, reach.spacing)
-    if rise.any():
-        first = np.searchsorted(coverage.cell[inner], np.arange(coverage.count))
-        data += RUNAWAY * np.maximum.reduceat(rise[coverage.start[inner]], first)
+    add_rise_kernel(data, coverage.cell[inner], coverage.start[inner], rise)
     data[:, -1] += 1e-6  # of equals a plane goes before the level that stands for none
-    return np.asarray(np.minimum(data, LARGEST))
+    return np.minimum(data, LARGEST, out=data)
+
+
+@kernel
+def add_rise_kernel(data: Values, cell: Integers, node: Integers, rise: Values) -> None:
+    """Adds to the `data` (C, P) what the highest `rise` (V, P; m) of a plane over a cell's corners costs:
+    corner k of `cell` (K,), ascending, is at `node` (K,)."""
+    most = np.zeros(data.shape[1])
+    for corner in range(len(cell)):
+        for plane in range(len(most)):
+            most[plane] = max(most[plane], rise[node[corner], plane])
+        if corner + 1 == len(cell) or cell[corner + 1] != cell[corner]:
+            for plane in range(len(most)):
+                data[cell[corner], plane] += RUNAWAY * most[plane]
+                most[plane] = 0.0
 
 
 @kernel
@@ -346,7 +372,7 @@ def cell_costs_kernel(
     corners: Values,
     start: Integers,
     planes: Values,
-    steepness: Values,
+    box: Values,
     lowest: float,
     residual_limit: float,
     gross_limit: float,
@@ -355,11 +381,17 @@ def cell_costs_kernel(
     """The residual (C, P; m²) of every plane's points in every cell, and of heights under the lowest.
 
     Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from
-    `start`. `steepness` (P,) is √(1 + a² + b²); no plane may lie under the `lowest` (m).
+    `start`. A plane is in no cell outside its `box` (P, 4), nor may it lie under the `lowest` (m).
     """
-    data = np.empty((len(first) - 1, len(planes)))
+    data = np.full((len(first) - 1, len(planes)), LARGEST)
+    steepness = np.sqrt(1.0 + planes[:, 0] ** 2 + planes[:, 1] ** 2)
     for cell in range(len(first) - 1):
+        around = corners[start[cell] : start[cell + 1]]
+        west, east = np.min(around[:, 0]), np.max(around[:, 0])
+        south, north = np.min(around[:, 1]), np.max(around[:, 1])
         for plane in range(len(planes)):
+            if east < box[plane, 0] or north < box[plane, 1] or west > box[plane, 2] or south > box[plane, 3]:
+                continue
             a, b, c = planes[plane]
             beyond = 0.0
             for corner in range(start[cell], start[cell + 1]):
