@@ -216,10 +216,6 @@ NORMAL_MEDIAN = 0.6745
 RUNAWAY = 1e3
 """Cost (m²) of a metre under the lowest roof, or over what was seen: more than any residual."""
 
-FARTHEST = 10.0
-"""A plane is in no cell that lies farther (m) from the box of its points: of a block of a hundred houses that
-leaves a cell the planes of its neighbours."""
-
 GAUSS_PLACES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(2)[0]
 """Places along a border at which its jump is measured: the two of Gauss-Legendre quadrature."""
 
@@ -325,12 +321,7 @@ def cell_costs(
 ) -> Values:
     """The cost (C, P; m²) of every plane for every cell; `located` are roof points and their cells."""
     point, cell = located
-    order, known = np.argsort(cell, kind="stable"), reach.labels >= 0
-    low, high = np.full((2, len(reach.planes), 2), np.inf)
-    np.minimum.at(low, reach.labels[known], reach.roof[known, :2])
-    np.minimum.at(high, reach.labels[known], -reach.roof[known, :2])
-    box = np.hstack([low, -high]) + [-FARTHEST, -FARTHEST, FARTHEST, FARTHEST]
-    box[np.isinf(box[:, 0])] = -np.inf, -np.inf, np.inf, np.inf  # of a plane without points
+    order = np.argsort(cell, kind="stable")
     inner = np.flatnonzero(coverage.cell != OUTSIDE)
     inner = inner[np.argsort(coverage.cell[inner], kind="stable")]
     data: Values = cell_costs_kernel(
@@ -339,7 +330,7 @@ def cell_costs(
         coverage.nodes[coverage.start[inner]],
         np.searchsorted(coverage.cell[inner], np.arange(coverage.count + 1)),
         reach.planes,
-        box,
+        np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in reach.planes.tolist()]),
         reach.lowest,
         reach.limit,
         costs.gross_limit,
@@ -372,7 +363,7 @@ def cell_costs_kernel(
     corners: Values,
     start: Integers,
     planes: Values,
-    box: Values,
+    steepness: Values,
     lowest: float,
     residual_limit: float,
     gross_limit: float,
@@ -381,17 +372,11 @@ def cell_costs_kernel(
     """The residual (C, P; m²) of every plane's points in every cell, and of heights under the lowest.
 
     Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from
-    `start`. A plane is in no cell outside its `box` (P, 4), nor may it lie under the `lowest` (m).
+    `start`. `steepness` (P,) is √(1 + a² + b²); no plane may lie under the `lowest` (m).
     """
-    data = np.full((len(first) - 1, len(planes)), LARGEST)
-    steepness = np.sqrt(1.0 + planes[:, 0] ** 2 + planes[:, 1] ** 2)
+    data = np.empty((len(first) - 1, len(planes)))
     for cell in range(len(first) - 1):
-        around = corners[start[cell] : start[cell + 1]]
-        west, east = np.min(around[:, 0]), np.max(around[:, 0])
-        south, north = np.min(around[:, 1]), np.max(around[:, 1])
         for plane in range(len(planes)):
-            if east < box[plane, 0] or north < box[plane, 1] or west > box[plane, 2] or south > box[plane, 3]:
-                continue
             a, b, c = planes[plane]
             beyond = 0.0
             for corner in range(start[cell], start[cell + 1]):
