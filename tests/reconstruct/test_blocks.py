@@ -106,3 +106,12 @@ def test_the_order_of_points_changes_nothing() -> None:
         modelled(points, side_by_side(walls)), modelled(mixed, side_by_side(walls)), strict=True
     ):
         assert np.array_equal(one.solids["2.2"][0].vertices, other.solids["2.2"][0].vertices)
+
+
+def test_the_courtyard_of_a_block_stays_open() -> None:
+    x, y = np.meshgrid(np.arange(0.5 * STEP, 20.0, STEP), np.arange(0.5 * STEP, 20.0, STEP))
+    built = (np.abs(x - 10.0) > 4.0) | (np.abs(y - 10.0) > 4.0)
+    points = np.column_stack([x[built], y[built], np.full(np.count_nonzero(built), 6.0)])
+    parts = [box(0, 0, 20, 6), box(0, 14, 20, 20), box(0, 6, 6, 14), box(14, 6, 20, 14)]
+    for model, part in zip(modelled(points, parts), parts, strict=True):
+        assert sum(plane.polygon.area for plane in model.planes) == pytest.approx(part.area, abs=0.1)

@@ -333,7 +333,7 @@ class Arrangement(ObjectLimits):
     Complexity
     ----------
     O(N log N) in points; lines are at most six a plane, so cells are bounded; each round of moves is linear
-    in cells times the planes near them.
+    in cells times planes.
 
     References
     ----------
