@@ -2,13 +2,14 @@ from . import evaluate as evaluate
 from .blocks.block import BlockScenes as BlockScenes
 from .blocks.block import make_scenes as make_scenes
 from .blocks.ground import Surroundings as Surroundings
+from .buildings.block_roofs import draw_blocks as draw_blocks
+from .buildings.block_roofs import select_roof as select_roof
 from .buildings.one_block import complete_model as complete_model
 from .buildings.one_block import find_surroundings as find_surroundings
 from .buildings.one_block import gather_buildings as gather_buildings
 from .buildings.one_block import place_footprint as place_footprint
 from .buildings.one_block import prepare_points as prepare_points
 from .buildings.owned import draw_outlines as draw_outlines
-from .buildings.owned import select_roof as select_roof
 from .buildings.owned import trace_buildings as trace_buildings
 from .change.compare import compare as compare
 from .detect import Detector as Detector

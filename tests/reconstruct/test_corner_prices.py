@@ -29,6 +29,7 @@ def settled(cells: list[list[tuple[float, float]]], roof: Points, planes: list[n
         method,
         method.plane_points,
         method.residual_limit,
+        np.zeros(len(known), np.int64),
     )
     assert is_sound(answer)
     assert len(kept) == answer.count

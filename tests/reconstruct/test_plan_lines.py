@@ -49,9 +49,11 @@ def test_the_fullest_strip_is_the_fullest_of_all(seed: int) -> None:
     left = rng.random(40) < 0.7
     order = np.argsort(offsets, axis=1, kind="stable")
     columns = np.take_along_axis(offsets, order, axis=1)
-    best, first, last = fullest_strip_kernel(columns, order, left, width)
+    strips = [fullest_strip_kernel(*row, left, width) for row in zip(columns, order, strict=True)]
     inside = (offsets[:, None, :] >= offsets[:, :, None]) & (offsets[:, None] <= offsets[:, :, None] + width)
-    assert left[order[best, first:last]].sum() == (inside & left).sum(axis=2)[:, left].max()
+    most = (inside & left).sum(axis=2)[:, left].max(axis=1)
+    for direction, (count, first, last) in enumerate(strips):
+        assert count == left[order[direction, first:last]].sum() == most[direction]
 
 
 def test_many_places_are_divided_and_none_is_lost() -> None:

@@ -10,7 +10,7 @@ from eaves.figures.attributes import measure_volume
 from eaves.geometry.face_table import FaceTable
 from eaves.solids.coverage import Coverage
 from eaves.solids.cutting import arrange
-from eaves.solids.extrude import SHORTEST_BORDER, extrude, split_crossings
+from eaves.solids.extrude import NEAR_NODE, extrude, split_crossings
 from eaves.solids.soundness import find_defect, fold_defect, on_own_plane
 
 SQUARE = shapely.box(0, 0, 4, 4)
@@ -76,7 +76,7 @@ def test_a_crossing_beside_a_node_inside_is_at_that_node(beside: float) -> None:
     planes[planes[:, 2] == 0.0] = [2.0, 0.0, 5.0 - 2.0 * (2.0 + beside)]
     split = split_crossings(plan, planes, np.zeros((plan.count, 3)))
     assert len(split.nodes) == len(plan.nodes)
-    assert split.length.min() > SHORTEST_BORDER
+    assert split.length.min() > NEAR_NODE
     assert np.any(np.all(np.isclose(split.nodes, [2.0 + beside, 2.0]), axis=1))
     (solid,) = extrude(plan, planes, 0.0) or []
     assert find_defect(solid) == ""

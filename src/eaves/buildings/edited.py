@@ -262,7 +262,7 @@ def model_order(
             result = BuildingResult.without_points(points)
         else:
             unit_m = parameters.system.horizontal_unit_m
-            result = try_building(points, view.outlines[part.id], parameters, unit_m, part.roof)
+            result = try_building(points, view.outlines[part.id], part.roof, parameters, unit_m)
         outcome = result.outcome
         if isinstance(outcome, BuildingModel):
             attributes = {**part.attributes, **outcome.attributes, **block, **version}

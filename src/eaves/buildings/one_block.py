@@ -23,6 +23,7 @@ from eaves.blocks.ground import (
     surroundings_of,
 )
 from eaves.blocks.thinned import find_thinned
+from eaves.buildings.block_roofs import select_roof
 from eaves.buildings.gather import MARGIN, Gatherer
 from eaves.buildings.join import Seam, join_regions
 from eaves.buildings.owned import (
@@ -30,7 +31,6 @@ from eaves.buildings.owned import (
     keep_valid,
     name_footprint,
     no_ground,
-    select_roof,
     with_facts,
     with_overhangs,
 )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.blocks.block_file import BlockFile
+from eaves.buildings.block_roofs import building_keys, draw_blocks, select_roof
 from eaves.buildings.building_file import SavedBuilding, building_arrays
 from eaves.buildings.gather import MARGIN, Gatherer, cells_of, is_seen_beside
 from eaves.buildings.join import OwnedBuildings
@@ -43,9 +44,8 @@ from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL, heights_under
 from eaves.reconstruct import add_overhangs, reconstruct_building
-from eaves.reconstruct.stage import FALLBACK
+from eaves.reconstruct.stage import FALLBACK, BlockPart
 from eaves.roof import RoofMethod, segment_roof
-from eaves.roof.toolkit.crowns import crown_points
 from eaves.run.clock import Clock
 from eaves.run.keys import key_of
 from eaves.validate import Tolerances, validate_model
@@ -67,10 +67,12 @@ log = logging.getLogger("eaves")
 
 @dataclass(frozen=True)
 class RoofOfPoints:
-    """A roof as its points show it, from a base (m) that is measured where it is None; what a person states
-    of a roof is a class under this one (`eaves.buildings.edited`)."""
+    """A roof as its points show it, from a base (m) that is measured where it is None, and as the `part` of a
+    block that was drawn as one; what a person states of a roof is a class under this one
+    (`eaves.buildings.edited`)."""
 
     base: float | None = None
+    part: BlockPart | None = field(default=None, kw_only=True)
 
     @property
     def holds(self) -> bool:
@@ -81,6 +83,8 @@ class RoofOfPoints:
         self, points: Points, spacing: float, method: RoofMethod, rng: np.random.Generator
     ) -> list[RoofPlane]:
         """The planes of the roof's points (N, 3) with their spacing (m)."""
+        if self.part is not None:
+            return self.part.planes
         return segment_roof(points, spacing, method, rng=rng)
 
     def model(
@@ -92,10 +96,7 @@ class RoofOfPoints:
         method: MethodChoice,
     ) -> tuple[BuildingModel | Failure, Points]:
         """The model over a base (m), and the points that it is of."""
-        return reconstruct_building(points, footprint, planes, base, method), points
-
-
-OF_POINTS = RoofOfPoints()
+        return reconstruct_building(points, footprint, planes, base, method, part=self.part), points
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,37 +138,40 @@ def model_buildings(
     units = parameters.units or "off"
     buildings, footprints = divide_buildings(buildings, footprints, units, view.addresses)
     clock.lap("units")
-    keys = [key_of(building, shape) for building, shape in zip(buildings, footprints, strict=True)]
+    keys = building_keys(buildings, footprints)
     todo = [number for number, key in enumerate(keys) if key not in before]
-    results: dict[int, BuildingResult | SavedBuilding] = {
-        number: before[key] for number, key in enumerate(keys) if key in before
-    }
-    models = [try_building(buildings[n], footprints[n], parameters, unit_m, check=False) for n in todo]
+    known = {number for number, key in enumerate(keys) if key in before}
+    roofs = [RoofOfPoints(part=part) for part in draw_blocks(buildings, footprints, parameters, known)]
+    houses = list(zip(buildings, footprints, roofs, strict=True))
+    clock.lap("roof")
+    results: dict[int, BuildingResult | SavedBuilding] = {number: before[keys[number]] for number in known}
+    models = [try_building(*houses[n], parameters, unit_m, check=False) for n in todo]
     results |= dict(zip(todo, models, strict=True))
     checking = Clock()
     for place in recheck(models, parameters, unit_m):
         number = todo[place]
-        results[number] = try_building(buildings[number], footprints[number], parameters, unit_m)
+        results[number] = try_building(*houses[number], parameters, unit_m)
     checking.lap("validate")
     ordered = [*map(BuildingResult.without_points, failures), *(results[n] for n in range(len(keys)))]
     if ordered and isinstance(ordered[0], BuildingResult):
         spent = ordered[0].seconds
-        spent.update(clock.laps, validate=spent.get("validate", 0.0) + checking.laps["validate"])
+        for name, seconds in [*clock.laps.items(), *checking.laps.items()]:
+            spent[name] = spent.get(name, 0.0) + seconds
     return building_arrays(ordered, [*[""] * len(failures), *keys])
 
 
 def try_building(
     building: BuildingPoints,
     footprint: Footprint | Failure,
+    roof: RoofOfPoints,
     recipe: Recipe,
     unit_m: float,
-    stated: RoofOfPoints = OF_POINTS,
     check: bool = True,
 ) -> BuildingResult:
     """The answer of `building_pass` for all points, or what is left of a building where it raises: one must
     not take the others of its block with it."""
     try:
-        return building_pass(building, footprint, recipe, unit_m, stated, check)
+        return building_pass(building, footprint, roof, recipe, unit_m, check)
     except ContractError:  # of a method that returns this no building can be right
         raise
     except Exception as error:
@@ -318,15 +322,15 @@ def draw_outlines(
 def building_pass(
     building: BuildingPoints,
     footprint: Footprint | Failure,
+    known: RoofOfPoints,
     recipe: Recipe,
     unit_m: float = 1.0,
-    stated: RoofOfPoints = OF_POINTS,
     check: bool = True,
 ) -> BuildingResult:
     """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in.
 
-    What a person `stated` of the roof holds, whatever its points look like. Without `check` the model
-    may have levels that are not valid, or not asked for.
+    What is `known` of the roof, as what a person states, holds whatever its points look like. Without `check`
+    the model may have levels that are not valid, or not asked for.
     """
     clock = Clock()
     roof = select_roof(building)
@@ -340,20 +344,20 @@ def building_pass(
         return BuildingResult(model, building.point_id, plane, clock.laps)
 
     rng = np.random.default_rng(int(key_of(points), 16))  # by its points: nothing else changes its roof
-    planes = stated.planes(points, building.spacing, recipe.roof, rng)
+    planes = known.planes(points, building.spacing, recipe.roof, rng)
     for number, segment in enumerate(planes, 1):
         plane[roof[segment.members]] = number
     clock.lap("roof")
 
-    doubt = "" if stated.holds or recipe.from_raster else lacks_roof(building, roof, planes)
+    doubt = "" if known.holds or recipe.from_raster else lacks_roof(building, roof, planes)
     base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
-    if stated.base is not None:
-        base = terrain = stated.base
+    if known.base is not None:
+        base = terrain = known.base
     if not np.isfinite(base):
         outcome: BuildingModel | Failure = no_ground(footprint)
     else:
         method = FALLBACK if doubt else recipe.reconstruct
-        outcome, points = stated.model(points, footprint, planes, base, method)
+        outcome, points = known.model(points, footprint, planes, base, method)
         if doubt and isinstance(outcome, BuildingModel):
             why = {"fallback_code": NO_ROOF, "fallback_reason": doubt}
             outcome = outcome.with_(attributes={**outcome.attributes, **why})
@@ -364,35 +368,6 @@ def building_pass(
     clock.lap("validate")
     finished = with_facts(finished, outcome, terrain, footprint, building, recipe)
     return BuildingResult(finished, building.point_id, plane, clock.laps)
-
-
-def select_roof(building: BuildingPoints) -> NDArray[np.int64]:
-    """The points of a building that show its roof: not those on its walls, nor of crowns over it.
-
-    Parameters
-    ----------
-    building : BuildingPoints
-        One of `divide_buildings`, of N points.
-
-    Returns
-    -------
-    ndarray (M,) of int64
-        Their numbers, ascending.
-
-    Raises
-    ------
-    AttributeError
-        When it is no BuildingPoints.
-
-    Examples
-    --------
-    >>> import eaves
-    >>> buildings = []                                   # of divide_buildings
-    >>> [building.xyz[eaves.select_roof(building)] for building in buildings]
-    []
-    """
-    roof = np.flatnonzero(building.part != WALL)
-    return roof[~crown_points(building.xyz[roof], building.roof_not_last)]
 
 
 def failure_in_place(failure: Failure, building: BuildingPoints) -> Failure:

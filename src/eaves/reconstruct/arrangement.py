@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from eaves.figures.attributes import (
     NEAR_M,
@@ -17,8 +20,21 @@ from eaves.geometry.components import members_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane, Solid, Values
-from eaves.reconstruct.toolkit.ceiling import height_over_points, highest_of
+from eaves.model import (
+    BuildingModel,
+    Failure,
+    Footprint,
+    Integers,
+    Labels,
+    Mask,
+    Points,
+    RoofPlane,
+    Solid,
+    Values,
+)
+from eaves.reconstruct.stage import BlockPart
+from eaves.reconstruct.toolkit.block_plan import BlockPlan, divide_plan, outline_around, points_near
+from eaves.reconstruct.toolkit.ceiling import height_over_points, highest_of, reach_of
 from eaves.reconstruct.toolkit.cell_labels import (
     LabelCosts,
     PlaneReach,
@@ -39,7 +55,16 @@ from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superst
 from eaves.reconstruct.toolkit.unseen import mirrored_planes, unseen_lines, unseen_places
 from eaves.solids.coverage import OUTSIDE, Coverage
 from eaves.solids.cutting import arrange
-from eaves.solids.extrude import LOWEST_ROOF, corner_rank, extrude_plan, is_sound, make_moves, without_numbers
+from eaves.solids.extrude import (
+    LOWEST_ROOF,
+    corner_rank,
+    extrude_first,
+    extrude_plan,
+    is_sound,
+    make_moves,
+    rims_of,
+    without_numbers,
+)
 from eaves.solids.soundness import LOWEST_WALL
 
 PASSES = 8
@@ -61,6 +86,7 @@ def settle_corners(
     costs: LabelCosts,
     price: float,
     reach: float,
+    part: Integers,
     highest: Values | None = None,
 ) -> tuple[Coverage, Integers]:
     """The coverage without the corners that explain less than `price` points each, and its labels (C,).
@@ -73,7 +99,8 @@ def settle_corners(
 
     d the distance, τ the limit of residuals, as for the labels. A step of
     metres is never given up for a few corners, as the distance counts in full. Corners are those of the
-    solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it. No
+    solids: one for each height over a node. Corners of the outline, and of walls between labels of one `part`
+    (L,) and another, stay, other nodes on them move along them. No
     plane is carried over the `highest` (P,) that it may be, nor over what meets there already.
     """
     highest = np.full(len(planes), np.inf) if highest is None else highest
@@ -81,7 +108,8 @@ def settle_corners(
         refused: set[tuple[float, ...]] = set()
         plan, plan_labels = coverage, labels
         for _ in range(PASSES):
-            pairs = worthwhile_moves(plan, plan_labels, roof, planes, costs, price, reach, highest)
+            is_rim = rims_of(plan, part[plan_labels])
+            pairs = worthwhile_moves(plan, plan_labels, is_rim, roof, planes, costs, price, reach, highest)
             moved = make_moves(plan, plan_labels, pairs, refused, careful) if len(pairs) else None
             if moved is None:
                 break
@@ -94,6 +122,7 @@ def settle_corners(
 def worthwhile_moves(
     coverage: Coverage,
     labels: Integers,
+    is_rim: Mask,
     roof: Points,
     planes: Values,
     costs: LabelCosts,
@@ -104,7 +133,7 @@ def worthwhile_moves(
     """Pairs (K, 2) of a node and the neighbour it should move into, the best first."""
     half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, *coverage.neighbours)
     node, into, saved, triangles, move, gets, has = moves_kernel(
-        *half_edges, labels, planes, corner_rank(coverage), reach, highest
+        *half_edges, labels, planes, is_rim, corner_rank(coverage, is_rim), reach, highest
     )
     gain = price * saved
     if len(triangles):
@@ -155,6 +184,7 @@ def moves_kernel(
     following: Integers,
     labels: Integers,
     planes: Values,
+    is_rim: Mask,
     rank: Integers,
     reach: float,
     highest: Values,
@@ -176,7 +206,7 @@ def moves_kernel(
         v, w = start[half], end[half]
         if rank[v] == 2 or rank[v] > rank[w]:
             continue
-        if rank[v] == 1 and cell[half] != OUTSIDE and cell[twin[half]] != OUTSIDE:
+        if rank[v] == 1 and not is_rim[half]:
             continue
         at_v, at_w = leaving[first[v] : first[v + 1]], leaving[first[w] : first[w + 1]]
         if len(at_v) + len(at_w) > MOST_HEIGHTS or swept + len(at_v) > room:
@@ -265,6 +295,11 @@ class Arrangement(ObjectLimits):
     plan is raised with vertices that all faces share. The coarser levels merge the same cells further:
     LoD 2.0 gives small faces to their neighbours, 1.3 and 1.2 level them.
 
+    The houses of a block have one plan. It is labelled as if no walls were there, so a plane runs through a
+    terrace; then party walls cut it. A piece keeps its plane where that saves its points the price
+    γ. The block is tidied at once, and each house raised from its part, so neighbours share the corners of
+    their walls. A house whose part is not closed, or rises over its points, is drawn by itself.
+
     Formula
     -------
     min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + 2γ · faces,
@@ -306,6 +341,7 @@ class Arrangement(ObjectLimits):
     """
 
     name: ClassVar[str] = "arrangement"
+    draws_blocks: ClassVar[bool] = True
     idea: ClassVar[str] = (
         "Lines cut the footprint into cells; each gets the plane that costs least; the plan is raised."
     )
@@ -341,10 +377,25 @@ class Arrangement(ObjectLimits):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The model of one building from its points (N, 3) and roof planes."""
+        plan = self.draw(points, [footprint.polygon], planes, ground, emit)
+        if isinstance(plan, Failure):
+            return replace(plan, footprint=footprint)
+        return self.raise_part(BlockPart(plan, 0, planes), points, footprint, ground, emit)
+
+    def draw(
+        self,
+        points: Points,
+        parts: Sequence[Polygon],
+        planes: list[RoofPlane],
+        ground: float,
+        emit: Emit = ignore,
+    ) -> BlockPlan | Failure:
+        """The plan of a block with its parts, from its points (N, 3) and roof planes."""
+        footprint = Footprint(parts[0] if len(parts) == 1 else outline_around(parts))
         seen_points = seen_roof(points, footprint)
         if isinstance(seen_points, Failure):
             return seen_points
-        inside, top = seen_points
+        _, top = seen_points
         roof = points[top]
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
@@ -363,14 +414,39 @@ class Arrangement(ObjectLimits):
         cells = self.cells(footprint, roof, *fitted, spacing, ground, unseen, emit)
         if cells is not None:
             (plan, reach, _, data), coefficients = cells, fitted[1]
-        whole = plan.merged(label_cells(plan, reach, self, data))
+        merged = plan.merged(label_cells(plan, reach, self, data))
+        near = [points_near(roof, outline, reach_of(spacing)) for outline in parts]
+        whole, of_label, part, highest = divide_plan(*merged, reach, self, parts, near)
         price, limit = self.plane_points, self.residual_limit
-        settled = settle_corners(*whole, roof, coefficients, self, price, limit, reach.highest)
-        for plan, chosen in (settled, whole):
-            fine = extrude_plan(plan, chosen, coefficients, ground, self.smallest)
-            over = height_over_points(fine.solids, roof) if fine.solids else 0.0
-            if plan is whole[0] or (fine.solids and not over):
+        settled = settle_corners(*whole, roof, of_label, self, price, limit, part, highest)
+        shown = [roof[points] for points in near]
+        return BlockPlan((settled, whole), shown, of_label, part, spacing, self.smallest)
+
+    def raise_part(
+        self,
+        part: BlockPart,
+        points: Points,
+        footprint: Footprint,
+        ground: float,
+        emit: Emit = ignore,
+    ) -> BuildingModel | Failure:
+        """The model of one part of a block over its base (m), from its own points (N, 3)."""
+        block, planes = part.block, part.planes
+        assert isinstance(block, BlockPlan)
+        seen_points = seen_roof(points, footprint)
+        if isinstance(seen_points, Failure):
+            return seen_points
+        inside, top = seen_points
+        roof, coefficients = points[top], block.planes
+        shown = block.shown[part.number]
+        for draft, tidied in block.of_part(part.number):
+            plan, chosen = draft
+            fine = extrude_first(tidied, coefficients, ground)
+            over = height_over_points(fine.solids, shown) if fine.solids else 0.0
+            if fine.solids and not over:
                 break  # else corners that moved are in each other's way
+        if len(block.shown) > 1 and (over or not fine.solids):
+            return self.model(points, footprint, planes, ground, emit)
         if emit is not ignore:
             emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
@@ -383,7 +459,7 @@ class Arrangement(ObjectLimits):
             smallest = min(self.simple_smallest, self.simple_share * float(plan.area.sum()))
             simple = without_numbers(extrude_plan(plan, chosen, coefficients, ground, smallest).solids)
             share = share_near(simple, roof)
-            sound = simple and not height_over_points(simple, roof)
+            sound = simple and not height_over_points(simple, shown)
             if sound and not self.compare("2.0", share, shares):
                 solids["2.0"], shares["2.0"] = simple, share
         fallback: dict[str, Any] = {}
@@ -417,7 +493,7 @@ class Arrangement(ObjectLimits):
                 roof,
                 surface,
                 footprint.polygon,
-                spacing,
+                block.spacing,
                 self,
             )
             facts["installation_count"] = len(objects)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from eaves.methods import (
     Emit,
@@ -31,6 +33,16 @@ ABSENT = -1
 """The place of a point without coordinates."""
 
 
+@dataclass(frozen=True, eq=False)
+class BlockPart:
+    """A house in a block that was drawn as one: what the method drew of the block, the number of the house
+    there, and the roof planes of its own points."""
+
+    block: Any
+    number: int
+    planes: list[RoofPlane]
+
+
 class Reconstructor(Method):
     """The contract of a reconstruction method.
 
@@ -46,6 +58,8 @@ class Reconstructor(Method):
     """
 
     stage: ClassVar[str] = "reconstruct"
+    draws_blocks: ClassVar[bool] = False
+    """True for a method that models the houses of a block as one: it has `draw` and `raise_part`."""
 
     def model(
         self,
@@ -58,6 +72,29 @@ class Reconstructor(Method):
         """A model or the reason for none; see the class."""
         raise NotImplementedError
 
+    def draw(
+        self,
+        points: Points,
+        parts: Sequence[Polygon],
+        planes: list[RoofPlane],
+        ground: float,
+        emit: Emit = ignore,
+    ) -> Any | Failure:
+        """What is drawn of a block at once, from all its points (N, 3) and planes: of its houses, whose
+        outlines are the `parts`."""
+        raise NotImplementedError
+
+    def raise_part(
+        self,
+        part: BlockPart,
+        points: Points,
+        footprint: Footprint,
+        ground: float,
+        emit: Emit = ignore,
+    ) -> BuildingModel | Failure:
+        """The model of a house in a block that was drawn, from its own points (N, 3), over its base (m)."""
+        raise NotImplementedError
+
 
 def reconstruct_building(
     points: Points | PointCloud,
@@ -66,6 +103,7 @@ def reconstruct_building(
     ground: float | Scene | Raster | None = None,
     method: MethodChoice = None,
     *,
+    part: BlockPart | None = None,
     debug: str | Path | Emit | None = None,
 ) -> BuildingModel | Failure:
     """The model of one building, or the Failure with the reason.
@@ -85,6 +123,8 @@ def reconstruct_building(
         Height (m) of the base of the solids, or the terrain, whose lowest height on the outline is the base.
     method : Reconstructor, str, mapping or None
         The method, its name, or its parameters; None is `Arrangement()`.
+    part : BlockPart or None
+        What `draw_blocks` drew of a house in a block; None for a building alone.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -128,13 +168,12 @@ def reconstruct_building(
     modeller = resolve_method("reconstruct", method)
     assert isinstance(modeller, Reconstructor)
     emit = emitter(debug)
-    finite = np.flatnonzero(np.isfinite(points).all(axis=1))
-    order = finite[canonical_order(points[finite])]
-    place = np.full(len(points), ABSENT, np.int64)
-    place[order] = np.arange(len(order))
-    ordered = [replace(plane, members=known_places(place, plane.members)) for plane in planes]
+    order, ordered = in_order(points, planes)
     with naming(modeller):
-        result = modeller.model(points[order], footprint, ordered, ground, emit)
+        if part is None:
+            result = modeller.model(points[order], footprint, ordered, ground, emit)
+        else:
+            result = modeller.raise_part(part, points[order], footprint, ground, emit)
     is_result = isinstance(result, BuildingModel | Failure)
     check_returned(modeller, is_result, "a BuildingModel or a Failure", result)
     facts: dict[str, object] = {"method": modeller.name}
@@ -148,6 +187,26 @@ def reconstruct_building(
     facts["over_points_m"] = round(height_over_points(result.solids[result.lod], points[order]), 2)
     back = tuple(replace(plane, members=np.sort(order[plane.members])) for plane in result.planes)
     return result.with_(planes=back, attributes={**facts, "lod": result.lod, **result.attributes})
+
+
+def draw_block(
+    points: Points, parts: Sequence[Polygon], planes: list[RoofPlane], ground: float, method: Reconstructor
+) -> Any | Failure:
+    """What a method draws of a block at once, from its points (N, 3), the outlines of its houses, its planes,
+    whose members index the points, and the height (m) of its lowest base."""
+    order, ordered = in_order(points, planes)
+    with naming(method):
+        return method.draw(points[order], parts, ordered, ground)
+
+
+def in_order(points: Points, planes: Sequence[RoofPlane]) -> tuple[NDArray[np.int64], list[RoofPlane]]:
+    """The numbers of the points (N, 3) that have coordinates, in canonical order, and the planes by places in
+    it."""
+    finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+    order = finite[canonical_order(points[finite])]
+    place = np.full(len(points), ABSENT, np.int64)
+    place[order] = np.arange(len(order))
+    return order, [replace(plane, members=known_places(place, plane.members)) for plane in planes]
 
 
 def known_places(place: NDArray[np.int64], members: NDArray[np.int64]) -> NDArray[np.int64]:

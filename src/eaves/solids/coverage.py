@@ -15,7 +15,7 @@ from eaves.geometry.components import members_kernel, unite_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import Integers, Points, Values
+from eaves.model import Integers, Mask, Points, Values
 
 OUTSIDE = -1
 """The cell number of everything that is not covered."""
@@ -219,21 +219,24 @@ def merge_kernel(
 
 
 @kernel
-def corner_rank_kernel(
-    nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers, following: Integers
-) -> Integers:
-    """2 for corners of the outline, 1 for other nodes on it, 0 for nodes inside (V,)."""
-    rank = np.zeros(len(nodes), np.int64)
-    for half in range(len(start)):
-        if cell[half] != OUTSIDE:
-            continue
-        a, b, c = start[half], end[half], end[following[half]]
-        after_x, after_y = nodes[c, 0] - nodes[b, 0], nodes[c, 1] - nodes[b, 1]
-        before_x, before_y = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
+def corner_rank_kernel(nodes: NDArray[np.float64], start: Integers, end: Integers, is_rim: Mask) -> Integers:
+    """2 for corners of the rims, on half-edges that `is_rim` (H,) holds, and nodes where several meet, 1 for
+    other nodes on them, 0 for nodes inside (V,)."""
+    count, first, last = np.zeros((3, len(nodes)), np.int64)
+    for half in np.flatnonzero(is_rim):
+        node = start[half]
+        if count[node] == 0:
+            first[node] = end[half]
+        last[node] = end[half]
+        count[node] += 1
+    rank = np.minimum(count, 2)
+    for node in np.flatnonzero(count == 2):
+        before_x, before_y = nodes[node] - nodes[first[node]]
+        after_x, after_y = nodes[last[node]] - nodes[node]
         cross = before_x * after_y - before_y * after_x
         size = max(np.hypot(before_x, before_y) * np.hypot(after_x, after_y), 1e-9)
-        straight = abs(cross) / size < 0.02 and before_x * after_x + before_y * after_y > 0.0
-        rank[b] = max(rank[b], 1 if straight else 2)
+        if abs(cross) / size < 0.02 and before_x * after_x + before_y * after_y > 0.0:
+            rank[node] = 1
     return rank
 
 
@@ -298,12 +301,14 @@ def sliver_kernel(
     end: Integers,
     cell: Integers,
     twin: Integers,
+    is_rim: Mask,
     area: NDArray[np.float64],
     smallest: float,
     narrowest: float,
-) -> tuple[int, int]:
-    """The smallest of the cells under an `area` (C,; m²) of `smallest` or narrower (m) than `narrowest`, and
-    the neighbour it shares most with; -1 where there is none.
+) -> Integers:
+    """The cell (C,) that each goes to: itself, or where it has an `area` (C,; m²) under `smallest`, or is
+    narrower (m) than `narrowest`, the neighbour that it shares most with, but for what `is_rim` (H,). The
+    smallest go first; those beside them wait.
 
     The width is that of the rectangle that has the cell's area and perimeter; a square's where none has.
     """
@@ -313,18 +318,29 @@ def sliver_kernel(
         length[half] = np.hypot(b[0] - a[0], b[1] - a[1])
         if cell[half] != OUTSIDE:
             perimeter[cell[half]] += length[half]
-            if cell[twin[half]] != OUTSIDE:
+            if not is_rim[half]:
                 shared[cell[half]] += length[half]
     excess = np.sqrt(np.maximum(perimeter * perimeter - 16.0 * area, 0.0))
     bad = ((area < smallest) | (0.25 * (perimeter - excess) < narrowest)) & (shared > 0.0)
-    if not bad.any():
-        return -1, -1
-    worst = np.where(bad, area, np.inf).argmin()
-    beside = np.zeros(len(area))
-    for half in range(len(start)):
-        if cell[half] == worst and cell[twin[half]] != OUTSIDE:
-            beside[cell[twin[half]]] += length[half]
-    return int(worst), int(beside.argmax())
+    target, waits, beside = np.arange(len(area)), np.zeros(len(area), np.bool_), np.zeros(len(area))
+    around, first = members_kernel(cell + 1, len(area) + 1)
+    for worst in np.argsort(np.where(bad, area, np.inf), kind="mergesort")[: np.sum(bad)]:
+        best = worst
+        for half in around[first[worst + 1] : first[worst + 2]]:
+            if not is_rim[half]:
+                beside[cell[twin[half]]] += length[half]
+        for half in around[first[worst + 1] : first[worst + 2]]:
+            other = cell[twin[half]]
+            if not is_rim[half] and (beside[other], -other) > (beside[best], -best):
+                best = other
+        clash = waits[worst] or waits[best]
+        for half in around[first[worst + 1] : first[worst + 2]]:
+            if not is_rim[half]:
+                beside[cell[twin[half]]] = 0.0
+                waits[cell[twin[half]]] |= not clash
+        if not clash:
+            target[worst], waits[worst] = best, True
+    return target
 
 
 OVERSHOOT = 0.01

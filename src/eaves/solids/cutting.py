@@ -40,12 +40,24 @@ def arrange(polygon: Polygon, segments: Values) -> Coverage | None:
         return None
     first, last, _ = edges_of(shapely.orient_polygons(shapely.get_parts(clean)))
     outline = np.round(np.hstack([first, last]) / COORDINATE_STEP)
-    knotted = knot_kernel(outline, segments / COORDINATE_STEP, NARROWEST_NECK / COORDINATE_STEP)
+    knotted = knot_kernel(outline, segments / COORDINATE_STEP, NARROWEST_NECK / COORDINATE_STEP, ROUNDED)
+    return cells_between(*knotted) if len(knotted[0]) else None
+
+
+def cut(plan: Coverage, segments: Values) -> Coverage | None:
+    """The cells of a coverage cut on by segments (S, 4: x, y, x, y), which bend through its nodes."""
+    inside = plan.cell != OUTSIDE
+    first, last = plan.nodes[plan.start[inside]], plan.nodes[plan.end[inside]]
+    borders = np.round(np.hstack([first, last]) / COORDINATE_STEP)
+    reach = NARROWEST_NECK / COORDINATE_STEP
+    knotted = knot_kernel(borders, segments / COORDINATE_STEP, reach, reach)
     return cells_between(*knotted) if len(knotted[0]) else None
 
 
 @kernel
-def knot_kernel(outline: Values, lines: Values, reach: float) -> tuple[Values, Integers, Integers, Mask]:
+def knot_kernel(
+    outline: Values, lines: Values, reach: float, bend: float
+) -> tuple[Values, Integers, Integers, Mask]:
     """Nodes (V, 2), the pieces between them from `start` to `end` (K,), (K,), and which are of the outline.
 
     `outline` (E, 4) and `lines` (S, 4) are in steps of the grid, the outline on it. The lines bend through
@@ -62,7 +74,7 @@ def knot_kernel(outline: Values, lines: Values, reach: float) -> tuple[Values, I
     head = nearby_kernel(places, reach)
     apart = head == np.arange(len(head))
     nodes = np.vstack((places[apart], corners[~apart[: len(corners)]]))
-    _, start, end = pieces_through_kernel(nodes, outline, ROUNDED)
+    _, start, end = pieces_through_kernel(nodes, outline, bend)
     _, start_of_line, end_of_line = pieces_through_kernel(nodes[: np.sum(apart)], lines, reach)
     on_rim = np.arange(len(start) + len(start_of_line)) < len(start)
     start, end = np.append(start, start_of_line), np.append(end, end_of_line)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import itemgetter
@@ -29,6 +29,7 @@ from eaves.model import (
 )
 from eaves.solids.coverage import (
     MOST_ROUNDS,
+    NARROWEST_NECK,
     OUTSIDE,
     Coverage,
     contract_kernel,
@@ -46,8 +47,8 @@ STRAIGHT = 0.005
 SHORTEST_EDGE = 0.10
 """Edges inside the coverage shorter than this (m) become a node."""
 
-SHORTEST_BORDER = 0.02
-"""Edges between two corners of the outline shorter than this (m) become a node."""
+NEAR_NODE = 0.02
+"""Two planes that cross nearer to a node than this (m) cross at it."""
 
 
 def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] | None:
@@ -97,12 +98,13 @@ def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage,
 
 
 def merge_short_edges(
-    coverage: Coverage, labels: Integers, shortest: float = SHORTEST_EDGE
+    coverage: Coverage, labels: Integers, shortest: float, part: Integers
 ) -> tuple[Coverage, Integers]:
     """The coverage with its short edges shrunk to a node, together where that is sound, else one by one."""
     refused: set[tuple[float, ...]] = set()
     for _ in range(MOST_ROUNDS):
-        moved = make_moves(coverage, labels, short_edges(coverage, shortest), refused)
+        pairs = short_edges(coverage, shortest, rims_of(coverage, part[labels]))
+        moved = make_moves(coverage, labels, pairs, refused)
         if moved is None:
             break
         coverage, labels = moved
@@ -159,14 +161,16 @@ def apart_kernel(start: Integers, end: Integers, pairs: Integers, size: int) -> 
     return chosen[:count]
 
 
-def short_edges(coverage: Coverage, shortest: float) -> Integers:
+def short_edges(coverage: Coverage, shortest: float, is_rim: Mask) -> Integers:
     """Pairs (K, 2) of nodes, the ends of edges too short to be meant, shortest first: one moves to the other.
 
-    Corners of the outline stay, other nodes on the outline move along it, nodes inside move freely.
+    Corners of the rims stay, other nodes on them move along them, nodes inside move freely.
     """
-    rank = corner_rank(coverage)
-    limit = np.where((rank[coverage.start] == 2) & (rank[coverage.end] == 2), SHORTEST_BORDER, shortest)
-    one_way = coverage.start < coverage.end
+    rank = corner_rank(coverage, is_rim)
+    limit = np.where((rank[coverage.start] == 2) & (rank[coverage.end] == 2), NARROWEST_NECK, shortest)
+    one_way = (coverage.start < coverage.end) & (
+        is_rim | (rank[coverage.start] == 0) | (rank[coverage.end] == 0)
+    )
     halves = np.flatnonzero(one_way & (coverage.length < limit))
     halves = halves[np.argsort(coverage.length[halves], kind="stable")]
     start, end = coverage.start[halves], coverage.end[halves]
@@ -174,10 +178,16 @@ def short_edges(coverage: Coverage, shortest: float) -> Integers:
     return np.column_stack([np.where(ahead, start, end), np.where(ahead, end, start)])
 
 
-def corner_rank(coverage: Coverage) -> Integers:
-    """2 for corners of the outline, 1 for other nodes on it, 0 for nodes inside (V,)."""
-    half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.following)
-    return np.asarray(corner_rank_kernel(*half_edges))
+def corner_rank(coverage: Coverage, is_rim: Mask) -> Integers:
+    """2 for corners of the rims `is_rim` (H,), 1 for other nodes on them, 0 for nodes inside (V,)."""
+    return np.asarray(corner_rank_kernel(coverage.nodes, coverage.start, coverage.end, is_rim))
+
+
+def rims_of(coverage: Coverage, part: Integers) -> Mask:
+    """Mask (H,) of the half-edges on the outline, and on walls between cells of one `part` (C,) and
+    another."""
+    beside = np.append(part, OUTSIDE)[coverage.cell]
+    return np.asarray(beside != beside[coverage.twin])
 
 
 def absorb_slivers(
@@ -185,18 +195,19 @@ def absorb_slivers(
     labels: Integers,
     smallest_area: float,
     narrowest: float,
+    part: Integers,
 ) -> tuple[Coverage, Integers]:
-    """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with."""
+    """The coverage with cells too small (m²) or narrow (m) given to the neighbour of their part that they
+    share most with."""
     for _ in range(MOST_ROUNDS):
         if coverage.count < 2:
             break
-        arrays = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin, coverage.area)
-        worst, beside = sliver_kernel(*arrays, float(smallest_area), float(narrowest))
-        if worst < 0:
+        half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin)
+        rims = rims_of(coverage, part[labels])
+        target = sliver_kernel(*half_edges, rims, coverage.area, float(smallest_area), float(narrowest))
+        if np.array_equal(target, np.arange(len(target))):
             break
-        targets = labels.copy()
-        targets[worst] = labels[beside]
-        coverage, labels = coverage.merged(targets)
+        coverage, labels = coverage.merged(labels[target])
     return coverage, labels
 
 
@@ -391,7 +402,7 @@ def node_moved(coverage: Coverage, halves: Integers, places: Values, free: Mask)
     """
     for half, place in zip(halves.tolist(), places, strict=True):
         for node in (int(coverage.start[half]), int(coverage.end[half])):
-            if free[node] and np.hypot(*(coverage.nodes[node] - place)) < SHORTEST_BORDER:
+            if free[node] and np.hypot(*(coverage.nodes[node] - place)) < NEAR_NODE:
                 free[node] = False
                 nodes = coverage.nodes.copy()
                 nodes[node] = place
@@ -524,8 +535,8 @@ def step_back(coverage: Coverage, planes: Values, places: Values) -> tuple[Cover
     return None if cut is None else cut.merged(owner)
 
 
-FIRMNESS = 2.5
-"""Factor on the shortest edge where solids are not sound, applied up to three times."""
+FIRMNESS, TURNS = 2.5, range(4)
+"""Factor on the shortest edge where solids are not sound, and how often it is applied."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -551,9 +562,15 @@ def extrude_plan(
 
     Faces smaller than the limit (m²), or narrower than the shortest edge, go to their neighbours.
     """
+    part = np.zeros(len(planes), np.int64)
+    return extrude_first((tidy(plan, labels, smallest, turn, part) for turn in TURNS), planes, ground)
+
+
+def extrude_first(drafts: Iterable[tuple[Coverage, Integers]], planes: Values, ground: float) -> Extrusion:
+    """The solids over the first of the plans, with the labels of `planes` (P, 3) of their cells, that gives
+    sound ones."""
     defect = ""
-    for turn in range(4):
-        tidied, numbers = tidy(plan, labels, smallest, FIRMNESS**turn * SHORTEST_EDGE)
+    for tidied, numbers in drafts:
         solids = extrude(tidied, planes[numbers], ground)
         if solids is None:
             defect = "the plan touches itself"
@@ -564,13 +581,17 @@ def extrude_plan(
     return Extrusion((), np.zeros(0, np.int64), defect)
 
 
-def tidy(plan: Coverage, labels: Integers, smallest: float, shortest: float) -> tuple[Coverage, Integers]:
-    """The plan without slivers, short edges and needless nodes, and the label (C,) of each cell."""
-    plan, labels = absorb_slivers(plan, labels, smallest, shortest)
+def tidy(
+    plan: Coverage, labels: Integers, smallest: float, turn: int, part: Integers
+) -> tuple[Coverage, Integers]:
+    """The plan without slivers, short edges and needless nodes, and the label (C,) of each cell; more firmly
+    from turn to turn. Walls between labels of one `part` (L,) and another stay, with their corners."""
+    shortest = FIRMNESS**turn * SHORTEST_EDGE
+    plan, labels = absorb_slivers(plan, labels, smallest, shortest, part)
     plan, labels = drop_straight_nodes(plan, labels)
-    plan, labels = merge_short_edges(plan, labels, shortest)
+    plan, labels = merge_short_edges(plan, labels, shortest, part)
     plan, labels = plan.merged(labels)
-    plan, labels = absorb_slivers(plan, labels, smallest, shortest)
+    plan, labels = absorb_slivers(plan, labels, smallest, shortest, part)
     return drop_straight_nodes(plan, labels)
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import chain
+from typing import Any
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from eaves.figures.attributes import NEAR_M, surface_heights
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import ROOF_SURFACE, Labels, Points, Solid, Values
+from eaves.kernels import inlined_kernel, kernel
+from eaves.model import ROOF_SURFACE, Integers, Labels, Points, Solid, Values
 
 LEAST_RISE, SIGMAS = 0.15, 3.0
 """No corner lies higher over the highest point than by so much (m), or by so many sigmas of its plane."""
@@ -43,21 +47,42 @@ def rise_over(
 ) -> Values:
     """How far (V, P; m) each plane lies too high at the nodes (V, 2): over its `highest` (P,), and where it
     has points near also over the second of the planes that have some, which it may meet there."""
-    heights = nodes @ planes[:, :2].T + planes[:, 2]
-    rise = np.maximum(heights - highest, 0.0)
-    over = np.flatnonzero(rise.any(axis=1))
-    if not len(over):
-        return np.asarray(rise)
-    shown = np.zeros((len(over), len(planes)), bool)
+    over = np.flatnonzero((nodes @ planes[:, :2].T + planes[:, 2] > highest).any(axis=1))
     known = np.flatnonzero(labels >= 0)
     near = cKDTree(roof[known, :2]).query_ball_point(nodes[over], reach_of(spacing))
-    for row, points in enumerate(near):
-        shown[row, labels[known[points]]] = True
-    if len(planes) > 1:
-        second = np.sort(np.where(shown, heights[over], -np.inf), axis=1)[:, -2:-1]
-        above = np.maximum(heights[over] - second - MEETING, 0.0)
-        rise[over] = np.where(shown, np.minimum(rise[over], above), rise[over])
-    return np.asarray(rise)
+    first = np.cumsum([0, *map(len, near)])
+    shown = labels[known[np.fromiter(chain.from_iterable(near), np.int64, first[-1])]]
+    rise = np.zeros((len(nodes), len(planes)))
+    rise[over] = rise_kernel(nodes[over], planes, highest, first, shown)
+    return rise
+
+
+@kernel
+def rise_kernel(nodes: Values, planes: Values, highest: Values, first: Integers, shown: Labels) -> Values:
+    """`rise_over` of nodes (V, 2), those of the planes `shown` (K,) that are near node v being
+    `first[v]` to `first[v + 1]`."""
+    rise, near = np.zeros((len(nodes), len(planes))), np.full(len(planes), -1)
+    for node in range(len(nodes)):
+        best, second = -np.inf, -np.inf
+        for plane in shown[first[node] : first[node + 1]]:
+            if near[plane] != node:
+                near[plane] = node
+                height = (
+                    planes[plane, 0] * nodes[node, 0] + planes[plane, 1] * nodes[node, 1] + planes[plane, 2]
+                )
+                best, second = max(best, height), max(second, min(best, height))
+        for plane in range(len(planes)):
+            height = height_at(planes[plane], nodes[node])
+            rise[node, plane] = max(height - highest[plane], 0.0)
+            if near[plane] == node:
+                rise[node, plane] = min(rise[node, plane], max(height - second - MEETING, 0.0))
+    return rise
+
+
+@inlined_kernel
+def height_at(plane: Values, place: Values) -> Any:
+    """The height (m) of a plane (3,) over a place (2,)."""
+    return plane[0] * place[0] + plane[1] * place[1] + plane[2]
 
 
 def height_over_points(solids: tuple[Solid, ...], points: Points) -> float:

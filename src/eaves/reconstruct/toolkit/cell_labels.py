@@ -16,8 +16,8 @@ from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
 from eaves.solids.soundness import LOWEST_WALL
 
-LARGEST = 1e5
-"""Cost of a label at a node from which it is never taken."""
+MOST, LARGEST = 99999.0, 1e5
+"""Highest cost of a label that a node may take, and the cost of one that is never taken."""
 
 LEAST_GAIN = 1e-4
 """Moves that gain no more than this are not made."""
@@ -40,22 +40,25 @@ class Borders(NamedTuple):
     full: float
 
 
-def label_nodes(data: Values, borders: Borders, region_cost: float) -> Integers:
+def label_nodes(
+    data: Values, borders: Borders, region_cost: float, labels: Integers | None = None
+) -> Integers:
     """A label (N,) for each node, of low Σ data + Σ costs of borders between labels + Σ costs of regions,
-    each all of one label that hangs together.
+    each all of one label that hangs together; reached from `labels` (N,) where they are known.
 
     `data` (N, L) is the cost of each label at each node. The nodes choose one after the other, those first
     for which it makes most difference. Then nodes and regions move to the label that is cheapest for them, as
     long as that lowers the sum. Moves of regions leave the minima in which single nodes are caught. That a
     move may cut a region in two is not priced.
     """
-    labels = np.full(len(data), OUTSIDE)
     second = np.partition(data, min(1, data.shape[1] - 1), axis=1)[:, :2]
-    order = np.argsort(second[:, 0] - second[:, -1], kind="stable")
+    order = np.argsort(second[:, 0] - second[:, -1], kind="stable")[: len(data) if labels is None else 0]
+    labels = np.full(len(data), OUTSIDE) if labels is None else labels.copy()
     ends = borders.edges.ravel()
     around = np.argsort(ends, kind="stable") // 2
     first = np.searchsorted(np.sort(ends), np.arange(len(data) + 1))
-    settle_kernel(data, borders, region_cost, around, first, order, labels)
+    most = data.min(axis=1) + region_cost + np.bincount(ends, np.repeat(borders.cost, 2), len(data))
+    settle_kernel(data, borders, region_cost, around, first, order, np.minimum(most, MOST), labels)
     return labels
 
 
@@ -82,16 +85,18 @@ def settle_kernel(
     around: Integers,
     first: Integers,
     order: Integers,
+    most: Values,
     labels: Integers,
 ) -> None:
     """Chooses the `labels` (N,), in their `order` (N,), and moves them until no move lowers the sum; the
-    edges of node n are `around[first[n]]` to `around[first[n + 1]]`.
+    edges of node n are `around[first[n]]` to `around[first[n + 1]]`. A label that costs node n more than
+    `most[n]` is none for it: it would leave it at once, whatever is around.
     """
     group, stamp, turn = np.full(len(labels), -1), np.full(len(labels), -1), 0
     rim = np.empty((len(around), 2), np.int64)
-    start, may = np.zeros(len(labels) + 1, np.int64), np.empty(int(np.sum(data < LARGEST)), np.int64)
+    start, may = np.zeros(len(labels) + 1, np.int64), np.empty(data.size, np.int64)
     for node in range(len(labels)):
-        free = np.flatnonzero(data[node] < LARGEST)
+        free = np.flatnonzero(data[node] <= most[node])
         start[node + 1] = start[node] + len(free)
         may[start[node] : start[node + 1]] = free
     for node in order:
@@ -332,11 +337,23 @@ def cell_costs(
         reach.spacing**2,
     )
     rise = rise_over(coverage.nodes, reach.roof, reach.labels, reach.planes, reach.highest, reach.spacing)
-    if rise.any():
-        first = np.searchsorted(coverage.cell[inner], np.arange(coverage.count))
-        data += RUNAWAY * np.maximum.reduceat(rise[coverage.start[inner]], first)
+    add_rise_kernel(data, coverage.cell[inner], coverage.start[inner], rise)
     data[:, -1] += 1e-6  # of equals a plane goes before the level that stands for none
-    return np.asarray(np.minimum(data, LARGEST))
+    return np.minimum(data, LARGEST, out=data)
+
+
+@kernel
+def add_rise_kernel(data: Values, cell: Integers, node: Integers, rise: Values) -> None:
+    """Adds to the `data` (C, P) what the highest `rise` (V, P; m) of a plane over a cell's corners costs:
+    corner k of `cell` (K,), ascending, is at `node` (K,)."""
+    most = np.zeros(data.shape[1])
+    for corner in range(len(cell)):
+        for plane in range(len(most)):
+            most[plane] = max(most[plane], rise[node[corner], plane])
+        if corner + 1 == len(cell) or cell[corner + 1] != cell[corner]:
+            for plane in range(len(most)):
+                data[cell[corner], plane] += RUNAWAY * most[plane]
+                most[plane] = 0.0
 
 
 @kernel

@@ -264,8 +264,13 @@ def step_lines_kernel(columns: Values, along: Values, order: Integers, width: fl
     """
     left, count = columns.shape[1], 0
     free, rows = np.ones(left, np.bool_), np.empty((left, 5))
+    strips, counted = np.full((len(columns), 3), left), np.full(len(columns), -1)
     while left >= FEWEST_PLACES:
-        best, start, end = fullest_strip_kernel(columns, order, free, width)
+        best = np.argmax(strips[:, 0])
+        while counted[best] < count:  # of fewer places no strip has more
+            strips[best], counted[best] = fullest_strip_kernel(columns[best], order[best], free, width), count
+            best = np.argmax(strips[:, 0])
+        _, start, end = strips[best]
         position = start + np.flatnonzero(free[order[best, start:end]])
         strip = order[best][position]
         ways = along[best][strip]
@@ -286,25 +291,23 @@ def step_lines_kernel(columns: Values, along: Values, order: Integers, width: fl
 
 
 @kernel
-def fullest_strip_kernel(columns: Values, order: Integers, free: Mask, width: float) -> tuple[int, int, int]:
-    """Direction, and first and last position in its column, of the strip with the most places in it.
+def fullest_strip_kernel(column: Values, order: Integers, free: Mask, width: float) -> tuple[int, int, int]:
+    """Number of places in the strip with the most of them, its first and last position in the column.
 
-    `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; only those
-    still `free` count.
+    The `column` (M,) has the offsets of the places `order` (M,) in one direction, ascending; only those still
+    `free` count.
     """
-    most, best, start, stop = 0, 0, 0, 0
-    for number in range(columns.shape[0]):
-        total, end = 0, 0
-        for first in range(columns.shape[1]):
-            if not free[order[number, first]]:
-                continue
-            while end < columns.shape[1] and columns[number, end] <= columns[number, first] + width:
-                total += free[order[number, end]]
-                end += 1
-            if total > most:
-                most, best, start, stop = total, number, first, end
-            total -= 1
-    return best, start, stop
+    most, start, stop, total, end = 0, 0, 0, 0, 0
+    for first in range(len(column)):
+        if not free[order[first]]:
+            continue
+        while end < len(column) and column[end] <= column[first] + width:
+            total += free[order[end]]
+            end += 1
+        if total > most:
+            most, start, stop = total, first, end
+        total -= 1
+    return most, start, stop
 
 
 def rectangle(places: Values, main: Values, spacing: float, limits: LineReconstructor) -> list[Line]:
