@@ -1122,6 +1122,8 @@ class Body:
     def compared(self, op: Any, a: Value, b: Value) -> Value:
         """A comparison of two numbers."""
         kind = a.type if a.type == b.type else self.kind_of(a.type, b.type)
+        if isinstance(kind, Tup):
+            raise Untranslated("a comparison of tuples")
         x, y = self.as_(a, kind), self.as_(b, kind)
         return Value(f"({x} {COMPARISONS[type(op)]} {y})", "b1", True)
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 import functools
 import importlib
 import logging
+import shutil
+import subprocess
+import sys
+import sysconfig
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -13,7 +17,7 @@ import numpy as np
 import pytest
 
 from eaves import kernels
-from eaves.kernels import LIST, Kernel, inlined_kernel, kernel, sort_of
+from eaves.kernels import LIST, MAKER, Kernel, inlined_kernel, kernel, sort_of
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from tests.conftest import build_files
 
@@ -270,6 +274,18 @@ def test_division_by_zero_is_checked_in_c_and_what_is_no_c_is_refused(translate:
 def in_words(value: float) -> Any:
     """What C is not made of."""
     return f"{value}"
+
+
+def test_every_listed_call_is_c_that_a_compiler_takes(tmp_path: Path) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("this machine has no C compiler")
+    source = tmp_path / "compiled.c"
+    made = subprocess.run([sys.executable, MAKER, "--c", source], capture_output=True, text=True)
+    assert (made.returncode, made.stderr) == (0, "")
+    options = ["-fsyntax-only", "-w", "-std=gnu99", f"-I{sysconfig.get_path('include')}"]
+    checked = subprocess.run([compiler, *options, source], capture_output=True, text=True)
+    assert checked.stderr == ""
 
 
 def test_the_library_raises_what_numba_does() -> None:

@@ -197,6 +197,8 @@ def make_library() -> bool:
         return False
     made = subprocess.run([sys.executable, MAKER, "--quick", HOME], capture_output=True, text=True)
     log.debug("the library of kernels: %s%s", made.stdout, made.stderr)
+    if made.returncode:
+        log.warning("the C compiler failed, so loops are compiled by numba: minutes; see --verbose")
     importlib.invalidate_caches()
     library.cache_clear()
     return bool(library())

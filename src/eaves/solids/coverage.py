@@ -331,7 +331,8 @@ def sliver_kernel(
                 beside[cell[twin[half]]] += length[half]
         for half in around[first[worst + 1] : first[worst + 2]]:
             other = cell[twin[half]]
-            if not is_rim[half] and (beside[other], -other) > (beside[best], -best):
+            longer = beside[other] > beside[best] or (beside[other] == beside[best] and other < best)
+            if not is_rim[half] and longer:
                 best = other
         clash = waits[worst] or waits[best]
         for half in around[first[worst + 1] : first[worst + 2]]:
