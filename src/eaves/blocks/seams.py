@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Block, Bounds, Points
+from eaves.raster.groups import number_squares
 
 Heights = Mapping[tuple[int, int], NDArray[np.float64]]
 """Pair of inputs, by number → differences (N,) of the heights of the second and the first (m)."""
@@ -83,11 +84,12 @@ def planes_of(xyz: Points, side: float) -> Planes:
     """The planes of the lowest of points (N, 3) in the cells of a side (m) where these are flat."""
     xyz = xyz[:: max(len(xyz) // ENOUGH_POINTS, 1)]
     place = np.floor(xyz[:, :2] / side).astype(np.int64)
-    cell, of = np.unique(place, axis=0, return_inverse=True)
-    lowest = np.full(len(cell), np.inf)
-    np.minimum.at(lowest, of.ravel(), xyz[:, 2])
-    low = xyz[:, 2] < lowest[of.ravel()] + LOW
-    xyz, of = xyz[low], of.ravel()[low]
+    of, count = number_squares(xyz[:, :2], side)
+    cell, lowest = np.empty((len(count), 2), np.int64), np.full(len(count), np.inf)
+    cell[of] = place
+    np.minimum.at(lowest, of, xyz[:, 2])
+    low = xyz[:, 2] < lowest[of] + LOW
+    xyz, of = xyz[low], of[low]
     many = np.bincount(of, minlength=len(cell))
     centre = np.column_stack([np.bincount(of, values, len(cell)) / many for values in xyz.T])
     x, y, z = (xyz - centre[of]).T
