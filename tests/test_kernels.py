@@ -133,7 +133,7 @@ def test_a_clone_makes_its_library_before_numba_compiles(
 
     def run(words: list[Any], **_: Any) -> SimpleNamespace:
         made.append(words[1:])
-        return SimpleNamespace(stdout="", stderr="")
+        return SimpleNamespace(stdout="", stderr="", returncode=0)
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("CC", kernels.sys.executable)
