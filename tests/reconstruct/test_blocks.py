@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import shapely
 from shapely import Polygon, box
 
 from eaves.figures.attributes import surface_heights
-from eaves.model import BuildingModel, Footprint, Points, Values
+from eaves.model import BuildingModel, Failure, Footprint, Points, Values
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.stage import BlockPart, draw_block
@@ -115,3 +116,30 @@ def test_the_courtyard_of_a_block_stays_open() -> None:
     parts = [box(0, 0, 20, 6), box(0, 14, 20, 20), box(0, 6, 6, 14), box(14, 6, 20, 14)]
     for model, part in zip(modelled(points, parts), parts, strict=True):
         assert sum(plane.polygon.area for plane in model.planes) == pytest.approx(part.area, abs=0.1)
+
+
+def test_a_part_comes_with_its_planes_by_places_among_the_points_in_order() -> None:
+    class Looking(Arrangement):
+        name = "looking"
+
+        def raise_part(self, part: BlockPart, points: Points, *others: Any) -> BuildingModel | Failure:
+            for plane in part.planes:
+                slope_x, slope_y, height = plane.coefficients
+                x, y, z = points[plane.members].T
+                assert np.abs(slope_x * x + slope_y * y + height - z).max() < 0.01
+            return super().raise_part(part, points, *others)
+
+    points = np.random.default_rng(4).permutation(points_of(gable, HOUSE))
+    planes, outline = segment_roof(points, STEP), box(0.0, 0.0, HOUSE, DEPTH)
+    block = draw_block(points, [outline], planes, 0.0, Arrangement())
+    part = BlockPart(block, 0, planes)
+    model = reconstruct_building(points, Footprint(outline), planes, 0.0, Looking(), part=part)
+    assert isinstance(model, BuildingModel) and model.lod == "2.2"
+
+
+def test_a_method_that_draws_no_blocks_models_a_house_of_one_by_itself() -> None:
+    points, outline = points_of(gable, HOUSE), box(0.0, 0.0, HOUSE, DEPTH)
+    planes = segment_roof(points, STEP)
+    part = BlockPart(draw_block(points, [outline], planes, 0.0, Arrangement()), 0, planes)
+    model = reconstruct_building(points, Footprint(outline), planes, 0.0, "prism", part=part)
+    assert isinstance(model, BuildingModel) and model.lod == "1.2"

@@ -170,9 +170,10 @@ def reconstruct_building(
     emit = emitter(debug)
     order, ordered = in_order(points, planes)
     with naming(modeller):
-        if part is None:
+        if part is None or not modeller.draws_blocks:
             result = modeller.model(points[order], footprint, ordered, ground, emit)
         else:
+            part = replace(part, planes=ordered)
             result = modeller.raise_part(part, points[order], footprint, ground, emit)
     is_result = isinstance(result, BuildingModel | Failure)
     check_returned(modeller, is_result, "a BuildingModel or a Failure", result)
