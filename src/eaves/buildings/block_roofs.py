@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.methods import ContractError
-from eaves.model import Failure, Footprint
+from eaves.model import Failure, Footprint, Points
 from eaves.model.checks import error_line
 from eaves.model.results import BuildingPoints
 from eaves.model.scene import WALL
@@ -57,6 +57,11 @@ def select_roof(building: BuildingPoints) -> NDArray[np.int64]:
     """
     roof = np.flatnonzero(building.part != WALL)
     return roof[~crown_points(building.xyz[roof], building.roof_not_last)]
+
+
+def random_numbers_of(points: Points) -> np.random.Generator:
+    """Random numbers that follow from roof points (N, 3): nothing else changes their roof."""
+    return np.random.default_rng(int(key_of(points), 16))
 
 
 def draw_blocks(
@@ -146,9 +151,7 @@ def parts_of(group: Sequence[House], recipe: Recipe) -> list[BlockPart] | None:
         return None
     roofs = [house.xyz[select_roof(house)] for house, _ in group]
     points, ends = np.vstack(roofs), np.cumsum([0, *map(len, roofs)])
-    planes = segment_roof(
-        points, first.spacing, recipe.roof, rng=np.random.default_rng(int(key_of(points), 16))
-    )
+    planes = segment_roof(points, first.spacing, recipe.roof, rng=random_numbers_of(points))
     block = draw_block(points, polygons, planes, base, recipe.reconstruct)
     if isinstance(block, Failure):
         return None

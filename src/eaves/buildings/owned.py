@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.blocks.block_file import BlockFile
-from eaves.buildings.block_roofs import building_keys, draw_blocks, select_roof
+from eaves.buildings.block_roofs import building_keys, draw_blocks, random_numbers_of, select_roof
 from eaves.buildings.building_file import SavedBuilding, building_arrays
 from eaves.buildings.gather import MARGIN, Gatherer, cells_of, is_seen_beside
 from eaves.buildings.join import OwnedBuildings
@@ -47,7 +47,6 @@ from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.stage import FALLBACK, BlockPart
 from eaves.roof import RoofMethod, segment_roof
 from eaves.run.clock import Clock
-from eaves.run.keys import key_of
 from eaves.validate import Tolerances, validate_model
 from eaves.validate.models import find_invalid
 
@@ -343,8 +342,7 @@ def building_pass(
         model = BuildingModel(footprint, {}, attributes=unit_attributes(footprint, building))
         return BuildingResult(model, building.point_id, plane, clock.laps)
 
-    rng = np.random.default_rng(int(key_of(points), 16))  # by its points: nothing else changes its roof
-    planes = known.planes(points, building.spacing, recipe.roof, rng)
+    planes = known.planes(points, building.spacing, recipe.roof, random_numbers_of(points))
     for number, segment in enumerate(planes, 1):
         plane[roof[segment.members]] = number
     clock.lap("roof")
