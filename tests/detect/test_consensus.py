@@ -186,7 +186,7 @@ def test_the_cut_is_the_least() -> None:
     rng = np.random.default_rng(4)
     for _ in range(20):
         gain, loss = rng.uniform(0, 3, (2, 6)).round(2)
-        one, two = np.array([0, 1, 2, 3, 4, 0]), np.array([1, 2, 3, 4, 5, 3])
+        one, two = np.array([[0, 1, 2, 3, 4, 0], [1, 2, 3, 4, 5, 3]], np.int32)
         price = rng.uniform(0, 2, 6).round(2)
         states = (np.arange(64)[:, None] >> np.arange(6)) & 1
         energy = (~states.astype(bool) * gain + states * loss).sum(axis=1)
