@@ -7,10 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Integers, Values
+
+
+def pieces_between(outline: Polygon, lines: Sequence[BaseGeometry]) -> list[Polygon]:
+    """The pieces that lines cut an outline into."""
+    net = shapely.union_all([outline.boundary, *lines], grid_size=COORDINATE_STEP)
+    pieces = shapely.get_parts(shapely.polygonize([net]))
+    return [piece for piece in pieces if outline.covers(piece.representative_point())]
 
 
 def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> list[Polygon | None]:
@@ -29,7 +37,9 @@ def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> li
     for label in range(count):
         members = [piece for piece, number in zip(pieces, owner, strict=True) if number == label]
         parts = polygon_parts(shapely.union_all(members, grid_size=COORDINATE_STEP)) if members else []
-        joined.append(max(parts, key=lambda part: part.area) if parts else None)
+        whole = max(parts, key=lambda part: part.area, default=None)
+        plain = shapely.remove_repeated_points(whole, 3.0 * COORDINATE_STEP)
+        joined.append(shapely.orient_polygons(plain if plain and plain.is_valid else whole))
     return joined
 
 

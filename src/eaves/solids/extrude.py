@@ -39,7 +39,7 @@ from eaves.solids.coverage import (
     sliver_kernel,
     straighten_kernel,
 )
-from eaves.solids.soundness import clear_plan_kernel, find_defect
+from eaves.solids.soundness import find_defect
 
 STRAIGHT = 0.005
 """A node this near (m) to the line between its neighbours is not needed."""
@@ -64,28 +64,12 @@ def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] 
 
 def is_sound(coverage: Coverage) -> bool:
     """True if the cells are valid polygons that fill the outline without overlap."""
-    if is_clear(coverage):
-        return True
     polygons = coverage.polygons()
     if not shapely.is_valid(polygons).all() or shapely.is_empty(polygons).any():
         return False
     covered = float(shapely.area(polygons).sum())
     outer = -sum(coverage.ring_area[coverage.ring_cell == OUTSIDE].tolist())
     return bool(abs(covered - outer) <= 1e-6 * max(covered, 1.0))
-
-
-def is_clear(coverage: Coverage) -> bool:
-    """True if all cells and the outline are single rings with nodes and edges so far apart that they are
-    certainly valid: these fill the outline, for each edge but the outline's is on two of them.
-    """
-    ring_cell, (halves, first) = coverage.ring_cell, coverage.ring_order
-    if len(ring_cell) != coverage.count + 1 or coverage.outer_ring.min() < 0:
-        return False
-    outline = int(ring_cell.argmin())
-    turn = int(first[outline])
-    ring = np.append(halves[turn:], halves[:turn])
-    begin = np.append(first[outline:] - turn, first[1 : outline + 1] + len(halves) - turn)
-    return bool(clear_plan_kernel(coverage.nodes[coverage.start[ring]], begin, np.arange(len(begin))))
 
 
 def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:

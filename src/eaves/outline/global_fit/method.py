@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -9,9 +10,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from shapely import Polygon
+from shapely import Polygon, STRtree
 
-from eaves.geometry.rings import as_polygon, signed_area
+from eaves.geometry.rings import as_polygon, polygon_parts, signed_area
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Labels, Mask, Points, Values
@@ -36,7 +38,6 @@ from eaves.outline.toolkit.edges import (
     turned_freely,
 )
 from eaves.outline.toolkit.polyline import Prices, cheapest_polyline, travel_angles
-from eaves.outline.toolkit.shared_edges import share_edges
 
 TRIES = 4
 """Times that an outline is drawn, each without the hidden points that the last left outside, at last none."""
@@ -409,6 +410,19 @@ class GlobalFit(LowPartRules, OutlineMethod):
         if count < MIN_POINTS:
             return 0.0
         return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
+
+
+def share_edges(polygons: Sequence[Polygon]) -> list[Polygon]:
+    """The polygons with what two of them have in common left to the larger one."""
+    shapes = list(polygons)
+    area = shapely.area(shapes)
+    pairs = STRtree(shapes).query(shapes, predicate="intersects").T
+    for a, b in sorted(pairs[pairs[:, 0] < pairs[:, 1]].tolist()):
+        loser, keeper = (a, b) if (area[a], a) < (area[b], b) else (b, a)
+        if shapes[loser].intersection(shapes[keeper]).area > 0.0:
+            rest = polygon_parts(shapely.difference(shapes[loser], shapes[keeper], grid_size=COORDINATE_STEP))
+            shapes[loser] = max(rest, key=lambda part: part.area, default=shapes[loser])
+    return shapes
 
 
 @kernel
