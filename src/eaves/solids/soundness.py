@@ -8,15 +8,20 @@ import numpy as np
 import shapely
 
 from eaves.geometry.face_table import FaceTable
+from eaves.geometry.planes import eigen_kernel
 from eaves.geometry.rings import following_places
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
-from eaves.model import ROOF_SURFACE, WALL_SURFACE, Points, Solid
+from eaves.kernels import kernel
+from eaves.model import ROOF_SURFACE, WALL_SURFACE, Integers, Mask, Points, Solid
 
 FLATTEST_SHARE = 0.9
 """Share of `PLANARITY` a face may use; the rest is for the rounding of written coordinates."""
 
 CLOSEST = 2.0 * COORDINATE_STEP
 """Corners and edges nearer than this (m) could fall together when coordinates are written."""
+
+MOST_CORNERS = 16
+"""Corners of a sloped face all triples of which are looked at; larger faces are cut into triangles."""
 
 LOWEST_WALL = 0.05
 """A roof is at least this high (m) above the base of the solid, everywhere."""
@@ -40,9 +45,8 @@ def find_defect(solid: Solid) -> str:
     if np.any(np.diff(forward) == 0) or not np.array_equal(forward, back):
         return "an edge that is not used once each way"
     table = FaceTable.of_solids([solid])
-    first, heights = table.ring_start[table.outer], table.corners[:, 2]
-    level = np.maximum.reduceat(heights, first) == np.minimum.reduceat(heights, first)
-    may_bend = ~level & (np.diff(first, append=len(heights)) > 3) & (solid.surfaces != WALL_SURFACE)
+    first = np.append(table.ring_start[table.outer], len(table.corners))
+    may_bend = (solid.surfaces != WALL_SURFACE) & ~steady_faces_kernel(table.corners, first)
     flat = {number: on_own_plane(table.rings_of(number)) for number in np.flatnonzero(may_bend).tolist()}
     if any(np.abs(places[:, 2]).max() > FLATTEST_SHARE * PLANARITY for places in flat.values()):
         return "a roof face that is not planar"
@@ -51,6 +55,57 @@ def find_defect(solid: Solid) -> str:
         return "a roof that reaches the ground"
     roofs = {number: places for number, places in flat.items() if solid.surfaces[number] == ROOF_SURFACE}
     return plan_defect(table.take(solid.surfaces != WALL_SURFACE)) or fold_defect(table, roofs)
+
+
+@kernel
+def steady_faces_kernel(places: Points, first: Integers) -> Mask:
+    """Mask (F,) of the faces, with corners `first[f]` to `first[f + 1]` of `places` (K, 3), that have three
+    corners, or are level, or are planar and have only triples of corners that lean like the face, by less
+    than half of `MOST_FOLD_DEG`.
+
+    Such a face has no fold however it is cut into triangles.
+    """
+    sure = np.zeros(len(first) - 1, np.bool_)
+    covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    least = np.cos(np.radians(0.5 * MOST_FOLD_DEG - 0.1))
+    for face in range(len(sure)):
+        ring = places[first[face] : first[face + 1]]
+        count = len(ring)
+        level = True
+        for i in range(count):
+            level &= ring[i, 2] == ring[0, 2]
+        if level or count <= 3:
+            sure[face] = True
+            continue
+        if count > MOST_CORNERS:
+            continue
+        mean = np.zeros(3)
+        for i in range(count):
+            mean += ring[i]
+        centred = ring - mean / count
+        covariance[:] = 0.0
+        for i in range(count):
+            for k in range(3):
+                for m in range(3):
+                    covariance[k, m] += centred[i, k] * centred[i, m]
+        eigen_kernel(covariance, vectors, values)
+        x, y, z = vectors[0, 0], vectors[1, 0], vectors[2, 0]
+        good = True
+        for i in range(count):
+            away = centred[i, 0] * x + centred[i, 1] * y + centred[i, 2] * z
+            good &= abs(away) < FLATTEST_SHARE * PLANARITY - 1e-6
+        for i in range(count):
+            for j in range(i + 1, count):
+                if not good:
+                    break
+                u, v, w = ring[j] - ring[i]
+                for third in range(j + 1, count):
+                    a, b, c = ring[third] - ring[i]
+                    nx, ny, nz = v * c - w * b, w * a - u * c, u * b - v * a
+                    lean = (nx * x + ny * y + nz * z) / max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-12)
+                    good &= (lean if nz * z > 0.0 else -lean) > least
+        sure[face] = good
+    return sure
 
 
 def on_own_plane(rings: Sequence[Points]) -> Points:
