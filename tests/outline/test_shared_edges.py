@@ -5,7 +5,7 @@ from __future__ import annotations
 import shapely
 from shapely import Polygon, box
 
-from eaves.outline.global_fit.method import share_edges
+from eaves.geometry.pieces import share_edges
 
 
 def gap_and_overlap(polygons: list[Polygon]) -> tuple[float, float]:

@@ -11,7 +11,6 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.footprints.snap import welded_outlines
 from eaves.geometry.pieces import joined_pieces, owned_by_neighbours, pieces_between
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
@@ -190,13 +189,11 @@ def split_block(
     walls = carried_on_walls(polygons)
     polygons += wide_parts(shapely.difference(block, shapely.union_all(polygons), grid_size=COORDINATE_STEP))
     pieces = pieces_between(block, [*shapely.boundary(polygons), *walls])
-    joined = joined_pieces(pieces, owners_of(pieces, polygons), len(polygons))
-    parts = {number: part for number, part in enumerate(joined) if part is not None}
     unclaimed = []
-    for number, outline in zip(parts, welded_outlines(list(parts.values())), strict=True):
-        if number < len(members):
+    for number, outline in enumerate(joined_pieces(pieces, owners_of(pieces, polygons), len(polygons))):
+        if outline is not None and number < len(members):
             shares[int(members[number])] = addresses[int(members[number])].with_(polygon=outline)
-        else:
+        elif outline is not None:
             unclaimed.append(outline)
     return shares, unclaimed
 

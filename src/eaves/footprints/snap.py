@@ -6,18 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
-from shapely import Polygon, STRtree
+from shapely import Polygon
 
-from eaves.geometry.rings import following_places
+from eaves.geometry.pieces import shared_rings
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Footprint, Integers, Points, Values
 from eaves.outline.global_fit import GlobalFit
-from eaves.outline.global_fit.method import share_edges
 from eaves.outline.toolkit.edges import edge_shift_kernel
 
-SAME_PLACE_M = 0.02
-"""Vertices and edges of neighbours nearer than this (m, a tolerance) are the same."""
 REACH_M = 1.5
 """Farthest that an edge moves: a wide overhang, or a map a metre off."""
 LEAST_LENGTH = 3.0
@@ -78,65 +74,6 @@ def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: fl
         )
         for number, (footprint, polygon) in enumerate(zip(footprints, polygons, strict=True))
     ]
-
-
-def welded_outlines(polygons: Sequence[Polygon]) -> list[Polygon]:
-    """The polygons with their common vertices in both; one that would become invalid stays as it is, but for
-    what its neighbours have then."""
-    nodes, rings, owner = shared_rings(polygons)
-    nodes = np.round(nodes / COORDINATE_STEP) * COORDINATE_STEP
-    answers = []
-    for number, polygon in enumerate(polygons):
-        joined = polygon_of([nodes[ring] for ring, one in zip(rings, owner, strict=True) if one == number])
-        answers.append(joined if joined.is_valid and joined.area > 0.0 else polygon)
-    return share_edges(answers)
-
-
-def shared_rings(
-    polygons: Sequence[Polygon],
-) -> tuple[NDArray[np.float64], list[NDArray[np.int64]], list[int]]:
-    """Common vertices (V, 2), every ring as numbers of them, building on the left, and whose it is.
-
-    A vertex of a neighbour that lies on an edge becomes a vertex of that edge too.
-    """
-    loops, owner = [], []
-    for number, polygon in enumerate(polygons):
-        whole = shapely.orient_polygons(polygon)
-        for ring in (whole.exterior, *whole.interiors):
-            loops.append(np.asarray(ring.coords)[:-1, :2])
-            owner.append(number)
-    corners = np.concatenate(loops)
-    tree = STRtree(shapely.points(corners))
-    one, other = tree.query(shapely.points(corners), predicate="dwithin", distance=SAME_PLACE_M)
-    leader = np.arange(len(corners))
-    np.minimum.at(leader, one, other)
-    kept, number_of = np.unique(leader, return_inverse=True)
-    nodes = corners[kept]
-    tree = STRtree(shapely.points(nodes))
-    size = np.array([len(loop) for loop in loops])
-    head, tail = number_of, number_of[following_places(size)]
-    lines = shapely.linestrings(np.stack([nodes[head], nodes[tail]], axis=1))
-    edge, between = tree.query(lines, predicate="dwithin", distance=SAME_PLACE_M)
-    others = (between != head[edge]) & (between != tail[edge])
-    edge, between = edge[others], between[others]
-    on_edge: dict[int, list[int]] = {}
-    for line, node in zip(edge.tolist(), between.tolist(), strict=True):
-        on_edge.setdefault(line, []).append(node)
-    rings: list[NDArray[np.int64]] = []
-    start = 0
-    for loop in loops:
-        path: list[int] = []
-        for line in range(start, start + len(loop)):
-            path.append(int(head[line]))
-            if line in on_edge:
-                some = np.array(on_edge[line])
-                along = (nodes[some] - nodes[head[line]]) @ (nodes[tail[line]] - nodes[head[line]])
-                path += some[np.argsort(along, kind="stable")].tolist()
-        start += len(loop)
-        rings.append(
-            np.array([v for v, before in zip(path, path[-1:] + path[:-1], strict=True) if v != before])
-        )
-    return nodes, rings, owner
 
 
 def polygon_of(rings: list[Values]) -> Polygon:

@@ -1,4 +1,4 @@
-"""Pieces of a divided polygon, each with an owner: joined, and what hangs loose."""
+"""Pieces of a divided polygon, each with an owner: joined, and what neighbours share."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.rings import polygon_parts
+from eaves.geometry.rings import following_places, polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Integers, Values
 
@@ -37,9 +37,11 @@ def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> li
     for label in range(count):
         members = [piece for piece, number in zip(pieces, owner, strict=True) if number == label]
         parts = polygon_parts(shapely.union_all(members, grid_size=COORDINATE_STEP)) if members else []
-        whole = max(parts, key=lambda part: part.area, default=None)
-        plain = shapely.remove_repeated_points(whole, 3.0 * COORDINATE_STEP)
-        joined.append(shapely.orient_polygons(plain if plain and plain.is_valid else whole))
+        joined.append(max(parts, key=lambda part: part.area, default=None))
+    found = {number: part for number, part in enumerate(joined) if part is not None}
+    for number, part in zip(found, welded_outlines(list(found.values())), strict=True):
+        plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
+        joined[number] = shapely.orient_polygons(plain if plain.is_valid else part)
     return joined
 
 
@@ -82,3 +84,80 @@ def owned_by_neighbours(pieces: Sequence[Polygon], owner: Sequence[int], count: 
         owners[given] = np.argmax(border[given])
         count_borders(np.flatnonzero(there == given))
     return list(map(int, owners))
+
+
+SAME_PLACE_M = 0.02
+"""Vertices and edges of neighbours nearer than this (m, a tolerance) are the same."""
+
+
+def share_edges(polygons: Sequence[Polygon]) -> list[Polygon]:
+    """The polygons with what two of them have in common left to the larger one."""
+    shapes = list(polygons)
+    area = shapely.area(shapes)
+    pairs = STRtree(shapes).query(shapes, predicate="intersects").T
+    for a, b in sorted(pairs[pairs[:, 0] < pairs[:, 1]].tolist()):
+        loser, keeper = (a, b) if (area[a], a) < (area[b], b) else (b, a)
+        if shapes[loser].intersection(shapes[keeper]).area > 0.0:
+            rest = polygon_parts(shapely.difference(shapes[loser], shapes[keeper], grid_size=COORDINATE_STEP))
+            shapes[loser] = max(rest, key=lambda part: part.area, default=shapes[loser])
+    return shapes
+
+
+def welded_outlines(polygons: Sequence[Polygon]) -> list[Polygon]:
+    """The polygons with their common vertices in both; one that would become invalid stays as it is, but for
+    what its neighbours have then."""
+    nodes, rings, owner = shared_rings(polygons)
+    nodes = np.round(nodes / COORDINATE_STEP) * COORDINATE_STEP
+    answers = []
+    for number, polygon in enumerate(polygons):
+        outer, *holes = [nodes[ring] for ring, one in zip(rings, owner, strict=True) if one == number]
+        joined = Polygon(outer, holes)
+        answers.append(joined if joined.is_valid and joined.area > 0.0 else polygon)
+    return share_edges(answers)
+
+
+def shared_rings(
+    polygons: Sequence[Polygon],
+) -> tuple[Values, list[Integers], list[int]]:
+    """Common vertices (V, 2), every ring as numbers of them, building on the left, and whose it is.
+
+    A vertex of a neighbour that lies on an edge becomes a vertex of that edge too.
+    """
+    loops, owner = [], []
+    for number, polygon in enumerate(polygons):
+        whole = shapely.orient_polygons(polygon)
+        for ring in (whole.exterior, *whole.interiors):
+            loops.append(np.asarray(ring.coords)[:-1, :2])
+            owner.append(number)
+    corners = np.concatenate(loops)
+    tree = STRtree(shapely.points(corners))
+    one, other = tree.query(shapely.points(corners), predicate="dwithin", distance=SAME_PLACE_M)
+    leader = np.arange(len(corners))
+    np.minimum.at(leader, one, other)
+    kept, number_of = np.unique(leader, return_inverse=True)
+    nodes = corners[kept]
+    tree = STRtree(shapely.points(nodes))
+    size = np.array([len(loop) for loop in loops])
+    head, tail = number_of, number_of[following_places(size)]
+    lines = shapely.linestrings(np.stack([nodes[head], nodes[tail]], axis=1))
+    edge, between = tree.query(lines, predicate="dwithin", distance=SAME_PLACE_M)
+    others = (between != head[edge]) & (between != tail[edge])
+    edge, between = edge[others], between[others]
+    on_edge: dict[int, list[int]] = {}
+    for line, node in zip(edge.tolist(), between.tolist(), strict=True):
+        on_edge.setdefault(line, []).append(node)
+    rings: list[Integers] = []
+    start = 0
+    for loop in loops:
+        path: list[int] = []
+        for line in range(start, start + len(loop)):
+            path.append(int(head[line]))
+            if line in on_edge:
+                some = np.array(on_edge[line])
+                along = (nodes[some] - nodes[head[line]]) @ (nodes[tail[line]] - nodes[head[line]])
+                path += some[np.argsort(along, kind="stable")].tolist()
+        start += len(loop)
+        rings.append(
+            np.array([v for v, before in zip(path, path[-1:] + path[:-1], strict=True) if v != before])
+        )
+    return nodes, rings, owner

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -10,10 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from shapely import Polygon, STRtree
+from shapely import Polygon
 
-from eaves.geometry.rings import as_polygon, polygon_parts, signed_area
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.pieces import share_edges
+from eaves.geometry.rings import as_polygon, signed_area
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Labels, Mask, Points, Values
@@ -410,19 +409,6 @@ class GlobalFit(LowPartRules, OutlineMethod):
         if count < MIN_POINTS:
             return 0.0
         return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
-
-
-def share_edges(polygons: Sequence[Polygon]) -> list[Polygon]:
-    """The polygons with what two of them have in common left to the larger one."""
-    shapes = list(polygons)
-    area = shapely.area(shapes)
-    pairs = STRtree(shapes).query(shapes, predicate="intersects").T
-    for a, b in sorted(pairs[pairs[:, 0] < pairs[:, 1]].tolist()):
-        loser, keeper = (a, b) if (area[a], a) < (area[b], b) else (b, a)
-        if shapes[loser].intersection(shapes[keeper]).area > 0.0:
-            rest = polygon_parts(shapely.difference(shapes[loser], shapes[keeper], grid_size=COORDINATE_STEP))
-            shapes[loser] = max(rest, key=lambda part: part.area, default=shapes[loser])
-    return shapes
 
 
 @kernel
