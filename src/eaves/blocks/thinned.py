@@ -59,76 +59,97 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
     bands = int(np.ceil(block.side / BAND))
     limits = [bands_kernel(records["xyz"], BAND * PER_METRE, bands) for records in files]
 
-    def band_of(band: int) -> tuple[list[slice], Records]:
-        ranges = [slice(*starts[band : band + 2]) for starts in limits]
-        return ranges, join_records([file[rows] for file, rows in zip(files, ranges, strict=True)])
+    def rows_of(band: int, arrays: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
+        return [array[slice(*starts[band : band + 2])] for array, starts in zip(arrays, limits, strict=True)]
 
-    copies, example = 0, np.zeros(0, np.int64)
-    ordered = len(files) == 1
+    def note(band: int, values: NDArray[np.int64]) -> None:
+        rows = rows_of(band, places_of_files)
+        for target, piece in zip(rows, np.split(values, np.cumsum(list(map(len, rows)))[:-1]), strict=True):
+            target[:] = piece
+
+    copies = list[tuple[NDArray[np.int64], NDArray[np.int64]]]()
+    example = np.zeros(0, np.int64)
     for band in range(bands):
-        _, records = band_of(band)
-        original = originals_of(records, ordered)
-        again = np.flatnonzero(original != np.arange(len(original)))
-        if len(again) and not copies:
-            example = records["point_id"][[original[again[0]], again[0]]]
-        copies += len(again)
-    distinct = len(places) - copies
+        records = join_records(rows_of(band, files))
+        order = np.arange(len(records))
+        if len(files) > 1:  # those of one are in canonical order
+            order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
+        note(band, order)
+        again, original = copies_in(records, order)
+        if len(again) and not len(example):
+            example = records["point_id"][[original[0], again[0]]]
+        copies.append((again, original))
+    copied = sum(len(again) for again, _ in copies)
+    distinct = len(places) - copied
     dense = distinct > max(ENOUGH_PER_M2 * COVER_CELL**2 * cells.sum(), FEW_PER_M2 * block.side**2)
-    if not dense and not copies:
+    if not dense and not copied:
         return {}
     for band in range(bands):
-        ranges, records = band_of(band)
+        records = join_records(rows_of(band, files))
         if not len(records):
             continue
-        chosen, stands = thin(records, copies > 0, dense, ordered)
-        pieces = np.split(stands + count, np.cumsum([rows.stop - rows.start for rows in ranges])[:-1])
-        for target, rows, piece in zip(places_of_files, ranges, pieces, strict=True):
-            target[rows] = piece
+        order = np.concatenate(rows_of(band, places_of_files)).astype(np.int64)
+        chosen, stands = thin(records, order, *copies[band], dense)
+        note(band, stands + count)
         kept.append(chosen)
         count += len(chosen)
     return {
         "records": join_records(kept).view(np.uint8),
         "stands": places,
-        "copies": np.array([copies, *example], np.int64),
+        "copies": np.array([copied, *example], np.int64),
     }
 
 
-def thin(records: Records, copied: bool, dense: bool, ordered: bool) -> tuple[Records, NDArray[np.int64]]:
+def thin(
+    records: Records,
+    order: NDArray[np.int64],
+    again: NDArray[np.int64],
+    original: NDArray[np.int64],
+    dense: bool,
+) -> tuple[Records, NDArray[np.int64]]:
     """Those of some points (N,) that stand for all, in canonical order, and the number (N,) of the one that
-    stands for each: for its copies where some are `copied`, for its neighbours where they are `dense`;
-    `ordered` as of `originals_of`."""
-    quanta = np.ascontiguousarray(records["xyz"])
-    stands = originals_of(records, ordered) if copied else np.arange(len(records))
+    stands for each: `original` (K,) for its copies `again`, and for its neighbours where they are `dense`.
+    The canonical `order` is that of all."""
+    stands = np.arange(len(records))
+    stands[again] = original
     if dense:
+        quanta = np.ascontiguousarray(records["xyz"])
         own = np.flatnonzero(stands == np.arange(len(stands)))
         rank = np.searchsorted(own, stands)
         stands = own[thin_kernel(quanta[own], records["return_number"][own], round(SIDE / GRID_STEP))][rank]
-    chosen = np.flatnonzero(stands == np.arange(len(stands)))
-    chosen = chosen[canonical_order(quanta[chosen] * GRID_STEP, records["return_number"][chosen])]
+    chosen = order[(stands == np.arange(len(stands)))[order]]
     place = np.empty(len(stands), np.int64)
     place[chosen] = np.arange(len(chosen))
     return records.take(chosen), place[stands]
 
 
-def originals_of(records: Records, ordered: bool) -> NDArray[np.int64]:
-    """Of each of some points (N,) the number of the one that it is a copy of, itself where it is none: of
+def copies_in(records: Records, order: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The numbers (K,) of those of some points (N,) that are copies, and of what each is a copy of: of
     identical ones (`IDENTITY`) the one with the largest class, for a copy may be classified, then the least
-    id. Points of one file are in canonical order, `ordered`."""
-    numbers = order = np.arange(len(records))
-    if not ordered:
-        order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
-    x, y, z = (column if ordered else column[order] for column in records["xyz"].T)
-    tied = np.flatnonzero((x[1:] == x[:-1]) & (y[1:] == y[:-1]) & (z[1:] == z[:-1]))
-    if not len(tied):
-        return numbers
+    id. The canonical `order` (N,) is that of all."""
+    tied = tied_kernel(records["xyz"], order)
     rows = order[np.union1d(tied, tied + 1)]
     columns = [*records["xyz"][rows].T, *(records[name][rows] for name in IDENTITY)]
     by = np.lexsort((records["point_id"][rows], -records["classification"][rows].astype(int), *columns))
     starts = np.ones(len(rows), bool)
     starts[1:] = np.any([column[by][1:] != column[by][:-1] for column in columns], axis=0)
     first = np.maximum.accumulate(np.where(starts, np.arange(len(rows)), 0))
-    numbers[rows[by]] = rows[by][first]
-    return numbers
+    again = np.sort(rows[by][~starts])
+    originals = np.empty(len(records), np.int64)
+    originals[rows[by]] = rows[by][first]
+    return again, originals[again]
+
+
+@kernel
+def tied_kernel(quanta: NDArray[np.int32], order: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The places (K,) in an order of points (N, 3) at which one lies where the next one does."""
+    places, count = np.empty(len(order), np.int64), 0
+    for k in range(len(order) - 1):
+        i, j = order[k], order[k + 1]
+        if quanta[i, 0] == quanta[j, 0] and quanta[i, 1] == quanta[j, 1] and quanta[i, 2] == quanta[j, 2]:
+            places[count] = k
+            count += 1
+    return places[:count]
 
 
 @kernel

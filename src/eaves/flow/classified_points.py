@@ -214,16 +214,20 @@ def gather_labels(
             buildings[point_id] = number
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
+    found = ("building_id", "plane_id") if owners else ()
     for block, result in regions.items():
         point_id = result.point_id()
         values = {"classes": result["classification"], "part": result["part"]}
-        values["classes"][opened("building_id")[point_id] > 0] = BUILDING
-        for followers, stands in kept.store.followers(block):
-            for name in TYPES:
-                column = values[name] if name in values else opened(name)[point_id]
-                opened(name)[followers] = column[stands]
-        for name, column in values.items():
-            opened(name)[point_id] = column
+        followers = kept.store.followers(block)
+        if owners:
+            values["classes"][opened("building_id")[point_id] > 0] = BUILDING
+        for name in (*values, *(found if followers else ())):
+            column, file = values.get(name), opened(name)
+            column = file[point_id] if column is None else column
+            for ids, stands in followers:
+                file[ids] = column[stands]
+            if name in values:
+                file[point_id] = column
     for block in kept.store.units(SUPERSEDED_POINTS, BLOCK_SIDE):
         opened("classes")[kept.store.superseded(block)] = SUPERSEDED
 

@@ -112,9 +112,9 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
         place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
         number[place] = which + first
         for name, values in arrays.items():
-            values[place] = records[name].take(which)
+            values[place] = records[name][which]  # `take` would copy the whole column first
         for name, values in others.items():
-            values[place] = records["fields"][name].take(which)
+            values[place] = records["fields"][name][which]
     cloud = PointCloud(xyz, block.origin, **arrays, fields=others, system=store.system, ordered=ordered)
     order = cloud.canonical_order()
     return PointWindow(block, replace(cloud.take(order), ordered=True), number.take(order), ranges, ends)
