@@ -58,6 +58,7 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
     places_of_files = np.split(places, np.cumsum([len(records) for records in files])[:-1])
     bands = int(np.ceil(block.side / BAND))
     limits = [bands_kernel(records["xyz"], BAND * PER_METRE, bands) for records in files]
+    filled = np.flatnonzero(np.diff(np.reshape(limits, (len(files), -1)).sum(axis=0))).tolist()
 
     def rows_of(band: int, arrays: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
         return [array[slice(*starts[band : band + 2])] for array, starts in zip(arrays, limits, strict=True)]
@@ -69,7 +70,7 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
 
     copies = list[tuple[NDArray[np.int64], NDArray[np.int64]]]()
     example = np.zeros(0, np.int64)
-    for band in range(bands):
+    for band in filled:
         records = join_records(rows_of(band, files))
         order = np.arange(len(records))
         if len(files) > 1:  # those of one are in canonical order
@@ -84,12 +85,10 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
     dense = distinct > max(ENOUGH_PER_M2 * COVER_CELL**2 * cells.sum(), FEW_PER_M2 * block.side**2)
     if not dense and not copied:
         return {}
-    for band in range(bands):
+    for band, (again, original) in zip(filled, copies, strict=True):
         records = join_records(rows_of(band, files))
-        if not len(records):
-            continue
         order = np.concatenate(rows_of(band, places_of_files)).astype(np.int64)
-        chosen, stands = thin(records, order, *copies[band], dense)
+        chosen, stands = thin(records, order, again, original, dense)
         note(band, stands + count)
         kept.append(chosen)
         count += len(chosen)

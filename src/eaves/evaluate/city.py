@@ -72,7 +72,7 @@ def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityB
     is_roof: list[bool] = []
     ground: list[Polygon] = []
     for item, geometry in geometries:
-        for face in (face for solid in geometry.solids for shell in solid for face in shell):
+        for face in geometry.faces:
             if not has_corners(face):
                 continue
             rings = [item.vertices[list(ring)] for ring in face.rings]

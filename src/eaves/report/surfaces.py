@@ -11,7 +11,7 @@ import numpy as np
 from eaves.formats import CityObject
 from eaves.formats.models.meshes import SURFACES
 from eaves.geometry.face_table import FaceTable
-from eaves.model import LODS, Integers, Mask, Points
+from eaves.model import LODS, NO_PLANE, Integers, Mask, Points
 
 UNKNOWN_ERROR = 65535
 """RMSE (mm) of a face that no points are known of: the largest whole number of two bytes."""
@@ -101,17 +101,16 @@ def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -
         for geometry in item.geometries:
             if geometry.lod not in LODS[1:]:
                 continue
-            lod, around = LODS.index(geometry.lod), array("q")
+            lod = LODS.index(geometry.lod)
             errors = [whole_millimetres(about.get("rmse_m")) for about in geometry.surfaces]
-            for face in (face for solid in geometry.solids for shell in solid for face in shell):
-                for ring in face.rings:
-                    around.extend(ring)
-                    pile.rings.append(len(ring))
-                kind = SURFACES.index(face.surface) if face.surface in SURFACES else 0
-                error = UNKNOWN_ERROR if face.plane is None else errors[face.plane]
-                pile.counts.append(len(face.rings))
-                pile.figures.extend((building, lod, kind, error))
-            pile.corners.frombytes(item.vertices[np.array(around, np.int64)].tobytes())
+            for shell in (shell for shells in geometry.solids for shell in shells):
+                pile.corners.frombytes(item.vertices[shell.corners].tobytes())
+                pile.rings.extend(shell.ring_sizes.tolist())
+                pile.counts.extend(shell.ring_counts.tolist())
+                for surface, plane in zip(shell.surfaces.tolist(), shell.planes.tolist(), strict=True):
+                    kind = SURFACES.index(surface) if surface in SURFACES else 0
+                    error = UNKNOWN_ERROR if plane == NO_PLANE else errors[plane]
+                    pile.figures.extend((building, lod, kind, error))
     return pile.as_faces()
 
 
