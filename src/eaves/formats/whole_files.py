@@ -15,9 +15,10 @@ from eaves.formats.errors import InputError
 
 
 @contextmanager
-def atomic(path: str | Path) -> Iterator[Path]:
+def atomic(path: str | Path, forced: bool = True) -> Iterator[Path]:
     """A temporary path in the same folder, with the same suffixes; renamed to `path` on leaving, removed
-    on error. What bears the name is on the disk: a computer that loses its power leaves no file half-filled.
+    on error. What bears the name is on the disk: a computer that loses its power leaves no file half-filled,
+    but for those that are not `forced` there, which whoever reads them after that must check.
 
     Raises
     ------
@@ -36,7 +37,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
     temporary = workplace / target.name
     try:
         yield temporary
-        show_file(temporary, target)
+        show_file(temporary, target, forced)
     finally:
         for leftover in workplace.iterdir():
             leftover.unlink(missing_ok=True)
@@ -54,8 +55,8 @@ SHORT = 200
 """A name may have 255 bytes; that of the folder beside a file has eight more."""
 
 
-def show_file(hidden: Path, target: Path) -> None:
-    """Bring a whole file to the disk and give it its name. Whoever has opened the file before goes on reading
+def show_file(hidden: Path, target: Path, forced: bool = True) -> None:
+    """Bring a whole file to the disk, where it is `forced`, and give it its name. Whoever has opened the file before goes on reading
     what it was.
 
     Raises
@@ -63,6 +64,9 @@ def show_file(hidden: Path, target: Path) -> None:
     InputError
         When it is a database that another program is changing.
     """
+    if not forced:
+        os.replace(hidden, target)
+        return
     with hidden.open("rb+") as file:
         os.fsync(file.fileno())
     for suffix in ("-wal", "-shm"):  # of a database: whoever holds the old one would spoil the new one

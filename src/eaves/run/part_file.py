@@ -37,8 +37,9 @@ TABLE = Struct("<II")
 JSON_TYPES = frozenset((type(None), str, bool, int, float))
 
 
-def save_part(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, list[Any]]:
-    """Write arrays by name, whole or not at all; type, shape, checksum and place of each, by its name.
+def save_part(path: Path, arrays: Mapping[str, NDArray[Any]], forced: bool = True) -> dict[str, list[Any]]:
+    """Write arrays by name, whole or not at all, `forced` to the disk or not; type, shape, checksum and place
+    of each, by its name.
 
     Raises
     ------
@@ -53,7 +54,7 @@ def save_part(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, list[
         table[name] = [array.dtype.str, array.shape, crc32(pieces[-1]), place]
         place += array.nbytes
     text = json.dumps(table).encode()
-    with atomic(path) as temporary, temporary.open("wb") as file:
+    with atomic(path, forced) as temporary, temporary.open("wb") as file:
         file.write(TABLE.pack(len(text), crc32(text)) + text)
         file.writelines(pieces)
     return table

@@ -231,7 +231,7 @@ class Store:
         """Keep a result with its mark, each whole or not at all."""
         path = self.path(step, unit)
         path.parent.mkdir(exist_ok=True)
-        table = save_part(path, arrays)
+        table = save_part(path, arrays, self.persistent)  # what resumes a run looks at all checksums
         result_key = key_of({name: entry[:3] for name, entry in table.items() if name != SECONDS})
         nothing = key_of()
         mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, result_key)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, islice
@@ -44,6 +45,7 @@ DATASET_OPTIONS = {"GPKG": {"VERSION": "1.3"}, "KML": {"AltitudeMode": "absolute
 """GeoPackage 1.4 makes GDAL 3.6 and QGIS 3.22 warn at every layer."""
 GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
+UNFORCED = {"OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
 PLAIN_TYPES = frozenset((type(None), str, bool, int))
 PIECE_ROWS = 20_000
 """Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
@@ -146,10 +148,23 @@ def write_layers(
 ) -> None:
     """Write any layers of a GeoPackage, with the styles and titles that are known for them; `note` is said in
     their descriptions and legends."""
-    with atomic(path) as temporary:
+    with atomic(path) as temporary, unforced():
         for layer, rows in layers.items():
             _write_layer(temporary, rows, system, "GPKG", layer)
         describe_layers(temporary, system, provenance, note)
+
+
+@contextmanager
+def unforced() -> Iterator[None]:
+    """Let SQLite leave it to `atomic` to bring a file to the disk, which it does once and not step by step."""
+    import pyogrio  # late: as below
+
+    before = {name: pyogrio.get_gdal_config_option(name) for name in UNFORCED}
+    pyogrio.set_gdal_config_options(UNFORCED)
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options(before)
 
 
 def write_polygons(
