@@ -56,8 +56,8 @@ SHORT = 200
 
 
 def show_file(hidden: Path, target: Path, forced: bool = True) -> None:
-    """Bring a whole file to the disk, where it is `forced`, and give it its name. Whoever has opened the file before goes on reading
-    what it was.
+    """Bring a whole file to the disk, where it is `forced`, and give it its name. Whoever has opened the file
+    before goes on reading what it was.
 
     Raises
     ------

@@ -111,10 +111,11 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
         low = south - round(square.origin[1] / GRID_STEP)
         place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
         number[place] = which + first
+        chosen = records.take(which)  # to take from a column would copy the whole of it first
         for name, values in arrays.items():
-            values[place] = records[name][which]  # `take` would copy the whole column first
+            values[place] = np.ascontiguousarray(chosen[name])
         for name, values in others.items():
-            values[place] = records["fields"][name][which]
+            values[place] = np.ascontiguousarray(chosen["fields"][name])
     cloud = PointCloud(xyz, block.origin, **arrays, fields=others, system=store.system, ordered=ordered)
     order = cloud.canonical_order()
     return PointWindow(block, replace(cloud.take(order), ordered=True), number.take(order), ranges, ends)

@@ -145,19 +145,19 @@ def apart_kernel(start: Integers, end: Integers, pairs: Integers, size: int) -> 
     """Those of the `pairs` (K, 2) of nodes of `size` that touch none of those before them: the first node of
     a pair and its neighbours, and the second."""
     touched, chosen, count = np.zeros(size, np.bool_), np.empty(pairs.shape, np.int64), 0
+    leaving, first = members_kernel(start, size)
     for k in range(len(pairs)):
         node, into = pairs[k]
         clash = touched[node] or touched[into]
-        for half in range(len(start)):
-            clash |= start[half] == node and touched[end[half]]
+        for half in leaving[first[node] : first[node + 1]]:
+            clash |= touched[end[half]]
         if clash:
             continue
         chosen[count, 0], chosen[count, 1] = node, into
         count += 1
         touched[node] = touched[into] = True
-        for half in range(len(start)):
-            if start[half] == node:
-                touched[end[half]] = True
+        for half in leaving[first[node] : first[node + 1]]:
+            touched[end[half]] = True
     return chosen[:count]
 
 

@@ -156,7 +156,7 @@ def write_layers(
 
 @contextmanager
 def unforced() -> Iterator[None]:
-    """Let SQLite leave it to `atomic` to bring a file to the disk, which it does once and not step by step."""
+    """Let SQLite leave it to `atomic` to bring a file to the disk, once and not step by step."""
     import pyogrio  # late: as below
 
     before = {name: pyogrio.get_gdal_config_option(name) for name in UNFORCED}
