@@ -13,7 +13,7 @@ from eaves.geometry.neighbours import thin_kernel
 from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block
 from eaves.model.cloud import PER_METRE, canonical_order
-from eaves.run.partition import IDENTITY
+from eaves.run.partition import IDENTITY, tied_kernel
 from eaves.run.points import first_kernel
 from eaves.run.store import join_records
 
@@ -55,27 +55,30 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         cover_kernel(records["xyz"], round(COVER_CELL / GRID_STEP), cells)
     places = np.empty(sum(map(len, files)), np.uint32)
     kept, count = list[Records](), 0
-    places_of_files = np.split(places, np.cumsum([len(records) for records in files])[:-1])
+    starts = np.cumsum([0, *map(len, files)])[:-1]
     bands = int(np.ceil(block.side / BAND))
     limits = [bands_kernel(records["xyz"], BAND * PER_METRE, bands) for records in files]
     filled = np.flatnonzero(np.diff(np.reshape(limits, (len(files), -1)).sum(axis=0))).tolist()
 
-    def rows_of(band: int, arrays: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
-        return [array[slice(*starts[band : band + 2])] for array, starts in zip(arrays, limits, strict=True)]
+    def records_in(band: int) -> Records:
+        return join_records(
+            [file[slice(*rows[band : band + 2])] for file, rows in zip(files, limits, strict=True)]
+        )
 
-    def note(band: int, values: NDArray[np.int64]) -> None:
-        rows = rows_of(band, places_of_files)
-        for target, piece in zip(rows, np.split(values, np.cumsum(list(map(len, rows)))[:-1]), strict=True):
-            target[:] = piece
+    def places_in(band: int) -> NDArray[np.int64]:
+        pieces = [
+            first + np.arange(*rows[band : band + 2]) for first, rows in zip(starts, limits, strict=True)
+        ]
+        return np.concatenate(pieces)
 
     copies = list[tuple[NDArray[np.int64], NDArray[np.int64]]]()
     example = np.zeros(0, np.int64)
     for band in filled:
-        records = join_records(rows_of(band, files))
+        records = records_in(band)
         order = np.arange(len(records))
         if len(files) > 1:  # those of one are in canonical order
             order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
-        note(band, order)
+        places[places_in(band)] = order
         again, original = copies_in(records, order)
         if len(again) and not len(example):
             example = records["point_id"][[original[0], again[0]]]
@@ -86,10 +89,10 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
     if not dense and not copied:
         return {}
     for band, (again, original) in zip(filled, copies, strict=True):
-        records = join_records(rows_of(band, files))
-        order = np.concatenate(rows_of(band, places_of_files)).astype(np.int64)
-        chosen, stands = thin(records, order, again, original, dense)
-        note(band, stands + count)
+        records = records_in(band)
+        here = places_in(band)
+        chosen, stands = thin(records, places[here].astype(np.int64), again, original, dense)
+        places[here] = stands + count
         kept.append(chosen)
         count += len(chosen)
     return {
@@ -137,18 +140,6 @@ def copies_in(records: Records, order: NDArray[np.int64]) -> tuple[NDArray[np.in
     originals = np.empty(len(records), np.int64)
     originals[rows[by]] = rows[by][first]
     return again, originals[again]
-
-
-@kernel
-def tied_kernel(quanta: NDArray[np.int32], order: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The places (K,) in an order of points (N, 3) at which one lies where the next one does."""
-    places, count = np.empty(len(order), np.int64), 0
-    for k in range(len(order) - 1):
-        i, j = order[k], order[k + 1]
-        if quanta[i, 0] == quanta[j, 0] and quanta[i, 1] == quanta[j, 1] and quanta[i, 2] == quanta[j, 2]:
-            places[count] = k
-            count += 1
-    return places[:count]
 
 
 @kernel

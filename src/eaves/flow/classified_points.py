@@ -214,20 +214,16 @@ def gather_labels(
             buildings[point_id] = number
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
-    found = ("building_id", "plane_id") if owners else ()
     for block, result in regions.items():
-        point_id = result.point_id()
+        point_id, followers = result.point_id(), kept.store.followers(block)
         values = {"classes": result["classification"], "part": result["part"]}
-        followers = kept.store.followers(block)
         if owners:
-            values["classes"][opened("building_id")[point_id] > 0] = BUILDING
-        for name in (*values, *(found if followers else ())):
-            column, file = values.get(name), opened(name)
-            column = file[point_id] if column is None else column
+            values |= {name: opened(name)[point_id] for name in TYPES if name not in values}
+            values["classes"][values["building_id"] > 0] = BUILDING
+        for name, column in values.items():
             for ids, stands in followers:
-                file[ids] = column[stands]
-            if name in values:
-                file[point_id] = column
+                opened(name)[ids] = column[stands]
+            opened(name)[point_id] = column
     for block in kept.store.units(SUPERSEDED_POINTS, BLOCK_SIDE):
         opened("classes")[kept.store.superseded(block)] = SUPERSEDED
 

@@ -37,7 +37,7 @@ def atomic(path: str | Path, forced: bool = True) -> Iterator[Path]:
     temporary = workplace / target.name
     try:
         yield temporary
-        show_file(temporary, target, forced)
+        show_file(temporary, target) if forced else os.replace(temporary, target)
     finally:
         for leftover in workplace.iterdir():
             leftover.unlink(missing_ok=True)
@@ -55,18 +55,15 @@ SHORT = 200
 """A name may have 255 bytes; that of the folder beside a file has eight more."""
 
 
-def show_file(hidden: Path, target: Path, forced: bool = True) -> None:
-    """Bring a whole file to the disk, where it is `forced`, and give it its name. Whoever has opened the file
-    before goes on reading what it was.
+def show_file(hidden: Path, target: Path) -> None:
+    """Bring a whole file to the disk and give it its name. Whoever has opened the file before goes on reading
+    what it was.
 
     Raises
     ------
     InputError
         When it is a database that another program is changing.
     """
-    if not forced:
-        os.replace(hidden, target)
-        return
     with hidden.open("rb+") as file:
         os.fsync(file.fileno())
     for suffix in ("-wal", "-shm"):  # of a database: whoever holds the old one would spoil the new one

@@ -283,7 +283,8 @@ class SliceWriter:
             records = np.fromfile(path, self.record)
             order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
             records = records.take(order)
-            if has_repeated_kernel(records["xyz"], *(records[name] for name in IDENTITY)):
+            tied = tied_kernel(records["xyz"], np.arange(len(records)))
+            if np.all([records[name][tied] == records[name][tied + 1] for name in IDENTITY], axis=0).any():
                 self.repeated.append(block)
             data = records.view(np.uint8).data
             with path.open("rb+") as file:
@@ -308,24 +309,15 @@ two returns of a pulse have other numbers, two pulses have other times. Files wi
 
 
 @kernel
-def has_repeated_kernel(
-    quanta: NDArray[np.int32],
-    number: NDArray[np.uint8],
-    count: NDArray[np.uint8],
-    moment: NDArray[np.uint16],
-) -> bool:
-    """True if two of the points (N, 3), in canonical order, that follow on each other are identical."""
-    for i in range(1, len(quanta)):
-        if (
-            quanta[i, 0] == quanta[i - 1, 0]
-            and quanta[i, 1] == quanta[i - 1, 1]
-            and quanta[i, 2] == quanta[i - 1, 2]
-            and number[i] == number[i - 1]
-            and count[i] == count[i - 1]
-            and moment[i] == moment[i - 1]
-        ):
-            return True
-    return False
+def tied_kernel(quanta: NDArray[np.int32], order: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The places (K,) in an order of points (N, 3) at which one lies where the next one does."""
+    places, count = np.empty(len(order), np.int64), 0
+    for k in range(len(order) - 1):
+        i, j = order[k], order[k + 1]
+        if quanta[i, 0] == quanta[j, 0] and quanta[i, 1] == quanta[j, 1] and quanta[i, 2] == quanta[j, 2]:
+            places[count] = k
+            count += 1
+    return places[:count]
 
 
 TOO_FEW = 10

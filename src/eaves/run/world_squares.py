@@ -36,12 +36,6 @@ def ring(square: Block) -> list[Block]:
     ]
 
 
-def around_squares(bounds: Bounds, side: float) -> Bounds:
-    """World metres of the squares of a side (m) that meet bounds (world metres)."""
-    first, last = Block.at(bounds.west, bounds.south, side), Block.at(bounds.east, bounds.north, side)
-    return first.bounds.union(last.bounds)
-
-
 def within(bounds: Bounds, limits: Bounds | None) -> Bounds:
     """The intersection of two rectangles; empty where they do not meet."""
     if limits is None:

@@ -57,8 +57,6 @@ WALLS = "overhangs"
 SURFACES = "surfaces"
 """The entry of `BuildingModel.attributes` that holds the attributes of the roof planes."""
 
-PLAIN_TYPES = frozenset((type(None), str, bool, int))
-
 Json = dict[str, Any]
 Result = BuildingModel | Failure
 
@@ -213,7 +211,7 @@ def reference_system(system: CoordinateSystem) -> str | None:
 
 def clean(value: Any) -> Any:
     """A value as JSON can hold it: NaN and infinity become null, numpy's types Python's, dates text."""
-    if type(value) in PLAIN_TYPES or isinstance(value, str | int):  # most values are
+    if value is None or isinstance(value, str | bool | int):
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None

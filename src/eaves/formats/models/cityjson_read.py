@@ -418,13 +418,12 @@ def _shell(
     corners = list(map(index, chain.from_iterable(rings)))
     if corners and not 0 <= min(corners) <= max(corners) < len(vertices):
         raise ValueError(f"has a face that points outside the {len(vertices)} vertices")
-    known = [None] * len(faces) if values is None else [values[k] for k in range(len(faces))]
-    known = [None if value is None else index(value) for value in known]
-    kinds = {None: ""}
-    for value in dict.fromkeys(known):
-        if value is not None and not 0 <= value < len(surfaces):
-            raise ValueError(f"has a face with semantics {value} of {len(surfaces)}")
-        kinds |= {} if value is None else {value: str(surfaces[value]["type"])}
+    known = [None if values is None or values[k] is None else index(values[k]) for k in range(len(faces))]
+    used = dict.fromkeys(value for value in known if value is not None)
+    wrong = [value for value in used if not 0 <= value < len(surfaces)]
+    if wrong:
+        raise ValueError(f"has a face with semantics {wrong[0]} of {len(surfaces)}")
+    kinds = {None: "", **{value: str(surfaces[value]["type"]) for value in used}}
     return Solid(
         vertices,
         np.array(corners, np.int64),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import chain, islice
 
 import numpy as np
@@ -57,20 +56,11 @@ class BuildingMesh:
     def flat_shaded(self, surface: int) -> tuple[Points, Points, Integers]:
         """Positions (K, 3), normals (K, 3) and triangles (T', 3) of one kind of surface, with a vertex for
         every face it belongs to, so that edges between faces stay sharp."""
-        pairs, numbers = self.corners_of_faces
-        face, vertex = np.divmod(pairs, max(len(self.vertices), 1))
-        kept = self.surface[face] == surface
-        place = kept.cumsum() - 1
-        triangles = place[numbers[self.surface[self.face] == surface]]
-        return self.vertices[vertex[kept]], self.normal[face[kept]], triangles
-
-    @cached_property
-    def corners_of_faces(self) -> tuple[Integers, Integers]:
-        """Each face with each of its vertices, (K,), as one number, and the places there (T, 3) of the
-        triangles' corners."""
-        corners = self.face[:, None] * len(self.vertices) + self.triangles
+        chosen = self.surface[self.face] == surface
+        corners = self.face[chosen, None] * len(self.vertices) + self.triangles[chosen]
         pairs, numbers = np.unique(corners, return_inverse=True)
-        return pairs, numbers.reshape(-1, 3)
+        face, vertex = np.divmod(pairs, max(len(self.vertices), 1))
+        return self.vertices[vertex], self.normal[face], numbers.reshape(-1, 3)
 
 
 def with_meshes(

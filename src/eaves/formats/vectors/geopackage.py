@@ -46,6 +46,7 @@ DATASET_OPTIONS = {"GPKG": {"VERSION": "1.3"}, "KML": {"AltitudeMode": "absolute
 GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
 UNFORCED = {"OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
+"""With these SQLite leaves it to `atomic` to bring a file to the disk, once and not step by step."""
 PLAIN_TYPES = frozenset((type(None), str, bool, int))
 PIECE_ROWS = 20_000
 """Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
@@ -148,19 +149,19 @@ def write_layers(
 ) -> None:
     """Write any layers of a GeoPackage, with the styles and titles that are known for them; `note` is said in
     their descriptions and legends."""
-    with atomic(path) as temporary, unforced():
+    with atomic(path) as temporary, gdal_options(UNFORCED):
         for layer, rows in layers.items():
             _write_layer(temporary, rows, system, "GPKG", layer)
         describe_layers(temporary, system, provenance, note)
 
 
 @contextmanager
-def unforced() -> Iterator[None]:
-    """Let SQLite leave it to `atomic` to bring a file to the disk, once and not step by step."""
+def gdal_options(options: Mapping[str, str]) -> Iterator[None]:
+    """Give GDAL some options until the block ends."""
     import pyogrio  # late: as below
 
-    before = {name: pyogrio.get_gdal_config_option(name) for name in UNFORCED}
-    pyogrio.set_gdal_config_options(UNFORCED)
+    before = {name: pyogrio.get_gdal_config_option(name) for name in options}
+    pyogrio.set_gdal_config_options(options)
     try:
         yield
     finally:
