@@ -423,12 +423,12 @@ def _shell(
     wrong = [value for value in used if not 0 <= value < len(surfaces)]
     if wrong:
         raise ValueError(f"has a face with semantics {wrong[0]} of {len(surfaces)}")
-    kinds = {None: "", **{value: str(surfaces[value]["type"]) for value in used}}
+    kinds: dict[int | None, str] = {value: str(surfaces[value]["type"]) for value in used}
     return Solid(
         vertices,
         np.array(corners, np.int64),
         np.array(list(map(len, rings)), np.int64),
         np.array(list(map(len, faces)), np.int64),
-        np.array([kinds[value] for value in known], np.str_),
+        np.array([kinds.get(value, "") for value in known], np.str_),
         np.array([NO_PLANE if value is None else value for value in known], np.int64),
     )
