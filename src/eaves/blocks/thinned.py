@@ -54,7 +54,7 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
     for records in files:
         cover_kernel(records["xyz"], round(COVER_CELL / GRID_STEP), cells)
     places = np.empty(sum(map(len, files)), np.uint32)
-    kept, count = list[Records](), 0
+    kept = list[Records]()
     starts = np.cumsum([0, *map(len, files)])[:-1]
     bands = int(np.ceil(block.side / BAND))
     limits = [bands_kernel(records["xyz"], BAND * PER_METRE, bands) for records in files]
@@ -66,18 +66,19 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         )
 
     def places_in(band: int) -> NDArray[np.int64]:
-        pieces = [
-            first + np.arange(*rows[band : band + 2]) for first, rows in zip(starts, limits, strict=True)
-        ]
-        return np.concatenate(pieces)
+        return np.concatenate(
+            [first + np.arange(*rows[band : band + 2]) for first, rows in zip(starts, limits, strict=True)]
+        )
 
     copies = list[tuple[NDArray[np.int64], NDArray[np.int64]]]()
     example = np.zeros(0, np.int64)
     for band in filled:
         records = records_in(band)
-        order = np.arange(len(records))
-        if len(files) > 1:  # those of one are in canonical order
-            order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
+        order = (
+            canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
+            if len(files) > 1
+            else np.arange(len(records))  # those of one file are in canonical order
+        )
         places[places_in(band)] = order
         again, original = copies_in(records, order)
         if len(again) and not len(example):
@@ -92,9 +93,8 @@ def find_thinned(view: tuple[Block, Sequence[Records]], parameters: object) -> d
         records = records_in(band)
         here = places_in(band)
         chosen, stands = thin(records, places[here].astype(np.int64), again, original, dense)
-        places[here] = stands + count
+        places[here] = stands + sum(map(len, kept))
         kept.append(chosen)
-        count += len(chosen)
     return {
         "records": join_records(kept).view(np.uint8),
         "stands": places,

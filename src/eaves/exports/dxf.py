@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eaves.formats import Format, atomic, describe_system
+from eaves.formats import Format, atomic, describe_system, with_solids
 from eaves.geometry import FaceTable
 from eaves.model import (
     LOCAL_METRES,
@@ -77,9 +77,7 @@ def write_dxf(
     with atomic(path) as temporary, temporary.open("w", encoding="ascii", errors="replace") as file:
         remarks = " ".join(f"eaves, {describe_system(system)} {provenance.sentence}".split())
         file.write(f"999\n{remarks}\n0\nSECTION\n2\nENTITIES\n")
-        for model in models:
-            if not isinstance(model, BuildingModel) or not model.solids:
-                continue
+        for model in with_solids(models):
             footprint = model.footprint
             shift = np.array([*footprint.origin, 0.0])
             roofs = FaceTable.of_solids(model.solids[model.lod], ROOF_SURFACE)

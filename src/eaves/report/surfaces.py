@@ -101,7 +101,6 @@ def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -
         for geometry in item.geometries:
             if geometry.lod not in LODS[1:]:
                 continue
-            lod = LODS.index(geometry.lod)
             errors = [whole_millimetres(about.get("rmse_m")) for about in geometry.surfaces]
             for shell in (shell for shells in geometry.solids for shell in shells):
                 pile.corners.frombytes(item.vertices[shell.corners].tobytes())
@@ -110,7 +109,7 @@ def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -
                 for surface, plane in zip(shell.surfaces.tolist(), shell.planes.tolist(), strict=True):
                     kind = SURFACES.index(surface) if surface in SURFACES else 0
                     error = UNKNOWN_ERROR if plane == NO_PLANE else errors[plane]
-                    pile.figures.extend((building, lod, kind, error))
+                    pile.figures.extend((building, LODS.index(geometry.lod), kind, error))
     return pile.as_faces()
 
 

@@ -117,8 +117,7 @@ class CityObject:
     def _as_solid(self, shell: Solid, origin: tuple[float, float]) -> Solid:
         used = np.zeros(len(self.vertices), bool)
         used[shell.corners] = True
-        number = used.cumsum() - 1
-        vertices, corners = self.vertices[used] - [*origin, 0.0], number[shell.corners]
+        vertices, corners = self.vertices[used] - [*origin, 0.0], (used.cumsum() - 1)[shell.corners]
         return Solid(vertices, corners, shell.ring_sizes, shell.ring_counts, shell.surfaces, shell.planes)
 
 
@@ -419,16 +418,14 @@ def _shell(
     if corners and not 0 <= min(corners) <= max(corners) < len(vertices):
         raise ValueError(f"has a face that points outside the {len(vertices)} vertices")
     known = [None if values is None or values[k] is None else index(values[k]) for k in range(len(faces))]
-    used = dict.fromkeys(value for value in known if value is not None)
-    wrong = [value for value in used if not 0 <= value < len(surfaces)]
+    wrong = [value for value in known if value is not None and not 0 <= value < len(surfaces)]
     if wrong:
         raise ValueError(f"has a face with semantics {wrong[0]} of {len(surfaces)}")
-    kinds: dict[int | None, str] = {value: str(surfaces[value]["type"]) for value in used}
     return Solid(
         vertices,
         np.array(corners, np.int64),
         np.array(list(map(len, rings)), np.int64),
         np.array(list(map(len, faces)), np.int64),
-        np.array([kinds.get(value, "") for value in known], np.str_),
+        np.array(["" if value is None else str(surfaces[value]["type"]) for value in known], np.str_),
         np.array([NO_PLANE if value is None else value for value in known], np.int64),
     )
