@@ -129,7 +129,7 @@ def copies_in(records: Records, order: NDArray[np.int64]) -> tuple[NDArray[np.in
     """The numbers (K,) of those of some points (N,) that are copies, and of what each is a copy of: of
     identical ones (`IDENTITY`) the one with the largest class, for a copy may be classified, then the least
     id. The canonical `order` (N,) is that of all."""
-    tied = tied_kernel(records["xyz"], order)
+    tied = tied_kernel(records["xyz"], order) if len(order) > 1 else order[:0]
     rows = order[np.union1d(tied, tied + 1)]
     columns = [*records["xyz"][rows].T, *(records[name][rows] for name in IDENTITY)]
     by = np.lexsort((records["point_id"][rows], -records["classification"][rows].astype(int), *columns))

@@ -283,7 +283,7 @@ class SliceWriter:
             records = np.fromfile(path, self.record)
             order = canonical_order(records["xyz"] * GRID_STEP, records["return_number"])
             records = records.take(order)
-            tied = tied_kernel(records["xyz"], np.arange(len(records)))
+            tied = tied_kernel(records["xyz"], np.arange(len(order))) if len(order) > 1 else order[:0]
             if np.all([records[name][tied] == records[name][tied + 1] for name in IDENTITY], axis=0).any():
                 self.repeated.append(block)
             data = records.view(np.uint8).data
