@@ -26,8 +26,9 @@ def steps_page() -> str:
 def row(step: Step) -> str:
     """The line of one step."""
     unit = "block" if step.side is None else f"square of {step.side:g} m"
+    unit = unit if step.writes is None else "part of a file"
     unit += f", where `{step.needs}`" if step.needs else ""
-    takes = "; ".join(map(taken, step.takes))
+    takes = "; ".join(map(taken, step.takes)) or "files"
     parameters = ", ".join(f"`{name}`" for name in step.reads) or "–"
     functions = f"`{step.inputs_of.__name__}`, `{step.run.__name__}`"
     code = ", ".join(f"`{name}`" for name in step.code if name not in BASE)

@@ -219,7 +219,7 @@ CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
     "a number of the ground filter": (with_method("ground", angle=9.0), {"large", "ground"}),
     "a number of the detector": (with_method("detect", min_height=2.1), {"signs", "regions"}),
     "the outline": (with_recipe(outline=eaves.AlphaShape()), {"buildings"}),
-    "the units": (with_recipe(units=None), {"buildings"}),
+    "the units, which want intensities": (with_recipe(units=None), {"points", "buildings"}),
     "the roof": (with_recipe(roof=eaves.RegionGrowing()), {"buildings", "edited"}),
     "the reconstruction": (with_recipe(reconstruct=eaves.Prism()), {"buildings", "edited"}),
     "the level": (with_recipe(lod="1.2"), {"buildings", "edited"}),
@@ -311,7 +311,7 @@ def test_nothing_changed_nothing_is_computed(again: Again) -> None:
     assert again.computed(again.opened()) == {}
 
 
-INPUTS = [(step, one) for step in STEPS[3:] for one in step.takes if SIGNS not in (step, one.source)]
+INPUTS = [(step, one) for step in STEPS[4:] for one in step.takes if SIGNS not in (step, one.source)]
 """Points of later scans, of dense and of smoothed ones, and colours have tests of their own (change, run,
 raster, detect)."""
 

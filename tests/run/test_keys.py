@@ -29,7 +29,7 @@ FOLLOWING = {
 
 def test_every_parameter_is_read_by_a_step() -> None:
     read = {FOLLOWING.get(name, name) for step in STEPS for name in step.reads}
-    of_run = {"generations", "snap_footprints", "blur", "classes_only"}
+    of_run = {"generations", "snap_footprints", "blur", "classes_only", "side", "window", "fields"}
     assert {field.name for field in fields(Recipe)} == read - of_run
 
 

@@ -112,7 +112,7 @@ def cut(path: Path) -> None:
     ("what", "damage"),
     [
         ("points/*/*.bin", cut),
-        ("parts/*.part", cut),
+        ("points/*.part", cut),
         ("regions/*.part", lambda path: path.write_bytes(b"")),
         ("buildings/*.part", cut),
         ("regions/*.key", cut),
@@ -128,7 +128,7 @@ def test_a_damaged_part_is_named_and_computed_again(
 ) -> None:
     out = tmp_path / "out"
     shutil.copytree(kept, out)
-    for step in ("parts", "regions", "buildings"):  # as a writer that was killed leaves them
+    for step in ("points", "regions", "buildings"):  # as a writer that was killed leaves them
         (out / ".eaves-work" / step / ".0_0.part.half").mkdir()
         (out / ".eaves-work" / step / ".0_0.part.half" / "0_0.part").touch()
     broken = next((out / ".eaves-work").glob(what))

@@ -21,7 +21,7 @@ LEAST_SHARE_COMPILING = 0.9
 """A first run compiles in its early steps, so only its end can be foreseen."""
 UNITS = {
     "compiling": " loops",
-    "read": " points",
+    "read": " parts of files",
     "ground": " blocks",
     "buildings": " blocks",
     "write": " kinds of file",

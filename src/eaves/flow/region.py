@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import logging
 import shutil
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,18 @@ from eaves.buildings.join import (
     join_regions,
     with_addresses,
 )
-from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, request_of
-from eaves.flow.step import Region, Step, ensure, results_of, squares_read, store_of
-from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SHARPENED, SUPERSEDED, THINNED
+from eaves.flow.step import Region, Step, Work, ensure, read_key, results_of, squares_read, store_of
+from eaves.flow.steps import (
+    BUILDINGS,
+    EDITED,
+    FLOORS,
+    POINTS,
+    REGIONS,
+    SHARPENED,
+    SUPERSEDED,
+    THINNED,
+)
 from eaves.flow.tiles import (
     Area,
     bounds_by_tile,
@@ -47,13 +56,11 @@ from eaves.run.partition import (
     Window,
     file_slices,
     find_isolated_blocks,
-    key_of_part,
     keys_of_points,
-    known_parts,
-    partition_slice,
+    number_of,
 )
 from eaves.run.points import load_inputs
-from eaves.run.workers import Outcome, Workers
+from eaves.run.workers import Workers
 from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
@@ -66,17 +73,17 @@ EARLIER = "earlier"
 
 def open_region(run: Run, workers: Workers, progress: Progress) -> Region:
     """The region of a run, with the results that an earlier run left where they are to be kept."""
-    store, parts = store_of(run), dict[str, PartFacts]()
-    if run.options["resume"]:
-        store.prepare()
-        store.drop_damaged()
-        store.drop_records()  # nothing says that they are whole
-        parts = known_parts(store, run.index, run.side, run.window)
-    else:
-        store.discard()
-        store.prepare()
     shown = partial(show_tiles, progress) if run.by_tiles else progress
-    return Region(run, store, workers, shown, list(run.failed), points=run.index.points, parts=parts)
+    region = Region(run, store_of(run), workers, shown, list(run.failed), points=run.index.points)
+    if run.options["resume"]:
+        region.store.prepare()
+        region.store.drop_damaged()
+        region.store.drop_records()  # nothing says that they are whole
+        keep_whole_points(region)
+    else:
+        region.store.discard()
+        region.store.prepare()
+    return region
 
 
 def show_tiles(progress: Progress, step: str, done: int, total: int) -> None:
@@ -129,66 +136,61 @@ def read_points(region: Region) -> None:
     index, numbers = run.index, np.arange(len(run.index))
     if squares is not None:
         numbers = inputs_meeting(index, bounds_by_tile(squares, run.tile_side))
-    parts = {part.name: part for part in file_slices(index, numbers)}
+    # a file that cannot be read is not tried again
+    parts = [part for part in file_slices(index, numbers) if part.number not in region.unread]
     names = None if squares is None else {square.name for square in squares}
-    todo = [part for part in parts.values() if not is_in_place(region, part, names)]
-    read = sum(mark.records for mark in region.parts.values() if mark.unread is None)
-
-    def read_more(points: int) -> None:
-        nonlocal read
-        read += points
-        region.progress("read", min(read, index.points), index.points)
-
-    tasks = [(part, key_of_part(part, store, run.side, run.window)) for part in todo]
-    window, copied = run.window, copies_records(run)
-    work: Any = partial(partition_slice, store=store, side=run.side, window=window, copied=copied)
-    workers = region.workers
-    if workers.alone or len(todo) == 1:
-        work, workers = partial(work, progress=read_more), Workers()
-    unread: dict[int, str] = {}
-    for outcome in workers.run(work, tasks):
-        records = note_part(region, todo[outcome.index], outcome, unread)
-        if workers is region.workers:
-            read_more(records)
-    for number in unread.keys() - region.unread.keys():
-        names_of = [name for name, part in parts.items() if part.number == number]
-        records = sum(region.parts[name].records for name in names_of if name in region.parts)
-        region.points -= index.count(number) - records
-    region.unread |= unread
+    for part in parts:
+        blocks = region.parts[part.name].blocks if part.name in region.parts else ()
+        if not store.has_points(part.name, (name for name in blocks if names is None or name in names)):
+            store.remove(POINTS.name, part)
+    failed = len(region.failed)
+    ensure(region, POINTS, parts)
+    broken, region.failed[failed:] = region.failed[failed:], []
+    for part in parts:
+        note_part(region, part, broken)
+    for number in numbers.tolist():
+        if number in region.unread:
+            region.failed.append(region.unread[number])
     if region.unread and len(region.unread) == len(index):
         region.refuse(next(iter(region.unread.values())))
-    region.failed += [region.unread[number] for number in map(int, numbers) if number in region.unread]
+    lost = sum(index.count(number) for number in region.unread)
+    read = (facts.records for name, facts in region.parts.items() if number_of(name) in region.unread)
+    region.points = index.points - lost + sum(read)
     region.points_keys = keys_of_points(region.parts)
-    region.run = replace(run, index=index.without_records())
+    region.run = replace(region.run, index=index.without_records())
     region.budget.step("read")
 
 
-def note_part(region: Region, part: FileSlice, outcome: Outcome, unread: dict[int, str]) -> int:
-    """Note what came of a part of an input, in `unread` why one could not be read; its number of records."""
-    region.budget.add("read", outcome.cpu)
-    if outcome.answer is None:
-        region.note(outcome, str(part.path))
-        unread[part.number] = region.failed.pop()
-        return 0
-    mark, box = outcome.answer
-    region.parts[part.name] = mark
-    if mark.unread is not None and part.number not in unread:
-        log.error("%s", mark.unread)
-        unread[part.number] = mark.unread
-    if box is not None:
-        region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
-    return int(mark.records)
+def note_part(region: Region, part: FileSlice, broken: Sequence[str]) -> None:
+    """Note what is known of a part of an input that was read, or of which lines say what broke it."""
+    if not region.store.has(POINTS.name, part):
+        region.parts.pop(part.name, None)
+        reasons = (line for line in broken if line.startswith(part.label))
+        region.unread.setdefault(part.number, next(reasons, f"{part.label}: could not be read"))
+        return
+    facts: PartFacts = POINTS.result(region.store, part)
+    region.parts[part.name] = facts
+    if facts.unread is not None and part.number not in region.unread:
+        log.error("%s", facts.unread)
+        region.unread[part.number] = facts.unread
+    if facts.extent is not None:
+        widened = region.wrong_boxes.get(part.number, facts.extent).union(facts.extent)
+        region.wrong_boxes[part.number] = widened
 
 
-def is_in_place(region: Region, part: FileSlice, names: Collection[str] | None) -> bool:
-    """True if the points of a part of an input are there, in the blocks of some names, or in all."""
-    mark, store = region.parts.get(part.name), region.store
-    if mark is None:
-        return part.number in region.unread  # a file that cannot be read is not tried again
-    if mark.unread is not None and part.number not in region.unread:
-        return False
-    blocks = [name for name in mark.blocks if names is None or name in names]
-    return all((store.folder / "points" / name / f"{part.name}.bin").exists() for name in blocks)
+def keep_whole_points(region: Region) -> None:
+    """Remove the points that are not those of parts of the inputs, as they were left; what was read of an
+    input to some damage is read again."""
+    store, work = region.store, Work.of(POINTS, region.run)
+    numbers = set(map(number_of, store.names(POINTS.name)))
+    places = sorted(number for number in numbers if number < len(region.run.index))
+    for part in file_slices(region.run.index, places):
+        mark = store.mark(POINTS.name, part)
+        if mark is not None and mark.read == read_key(region, work, part):
+            facts: PartFacts = POINTS.result(store, part)
+            if facts.unread is None and store.are_whole(part.name, facts.blocks):
+                region.parts[part.name] = facts
+    store.keep_points(list(map(Path, region.parts)))
 
 
 def compare_inputs(region: Region) -> None:
@@ -247,7 +249,7 @@ def may_hold_copies(region: Region, block: Block) -> bool:
     names = [path.stem for _, path in region.store.scan_files(block)]
     if any(block.name in region.parts[name].repeated for name in names if name in region.parts):
         return True
-    numbers = [int(name.split("-")[0]) for name in names]
+    numbers = list(map(number_of, names))
     if len(set(numbers)) < len(numbers) or not region.wrong_boxes.keys().isdisjoint(numbers):
         return True
     west, south, east, north = region.run.index.entries["box"][numbers].T

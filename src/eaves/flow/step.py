@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 from numpy.typing import NDArray
 
 from eaves.blocks.seams import Heights
+from eaves.flow.refusals import copies_records
 from eaves.flow.run import Progress, Run, no_progress
 from eaves.formats import InputError
 from eaves.formats.whole_files import DiskFullError
@@ -87,6 +88,8 @@ class Step:
         The step is left out where this attribute of the recipe is false.
     isolated : bool
         True if blocks with isolated points alone are units, too.
+    writes : callable or None
+        `writes(store, unit)`: takes the points that `run` puts into blocks beside its result.
     earlier : callable or None
         `earlier(path)`: an earlier result of the same code and parameters, which `run` is given, too.
     booked : str
@@ -107,13 +110,14 @@ class Step:
     side: float | None = None
     needs: str = ""
     isolated: bool = False
+    writes: Callable[[Store, Any], Any] | None = None
     earlier: Callable[[Path], Any] | None = None
     booked: str = "blocks"
     shown: str = ""
     persistent: bool = False
 
-    def result(self, store: Store, square: Block) -> Any:
-        """Its result in a square, as the steps that take it are given it."""
+    def result(self, store: Store, square: Any) -> Any:
+        """Its result in a square, or of another unit, as the steps that take it are given it."""
         path = store.path(self.name, square)
         if self.load is not None:
             return self.load(path, square, store.read_points)
@@ -158,8 +162,6 @@ class TileRecord:
     points: int = 0
     read: tuple[Bounds, ...] = ()
     """Extents of everything that was read for it (world metres)."""
-    key: str = ""
-    """Key of all its inputs."""
 
 
 @dataclass(eq=False)
@@ -198,6 +200,8 @@ class Region:
     """Blocks in which inputs overlap or adjoin: differences of their heights."""
     visits: dict[Block | None, TileRecord] = field(default_factory=dict)
     """Tile → what was found of it; None → of a run in one piece."""
+    visited: dict[Block, str] = field(default_factory=dict)
+    """Tile → the key of what it was found from."""
     unfinished: frozenset[Block] = frozenset()
     """The tiles that come later."""
     given: dict[Block, GivenFootprints] = field(default_factory=dict)
@@ -267,6 +271,7 @@ def store_of(run: Run) -> Store:
         system=run.index.system,
         fields=run.fields,
         persistent=bool(run.options["keep"]),
+        copies=copies_records(run),
     )
 
 
@@ -358,7 +363,7 @@ class Work:
         view = self.inputs_of(unit, store)
         view_key = store.key_of(self.key, view)
         mark = store.mark(step.name, home)
-        arguments = [view]
+        arguments = [view, *([] if step.writes is None else [step.writes(store, unit)])]
         if step.earlier is not None:
             same = mark is not None and mark.step == self.key
             arguments.append(step.earlier(store.path(step.name, home)) if same else None)
@@ -384,16 +389,21 @@ def ensure(region: Region, step: Step, units: Sequence[Any]) -> None:
             ensure(region, entry.source, sorted(filter(partial(region.computes, entry.source), squares)))
     tasks = []
     for unit in units:
-        files = [files_read(region, work, number, unit) for number in range(len(step.takes))]
-        read = key_of(work.key, work.side, unit, files)
-        mark = store.mark(step.name, square_of(unit))
+        read, mark = read_key(region, work, unit), store.mark(step.name, square_of(unit))
         if mark is None or mark.read != read:
             tasks.append((unit, read))
     for count, outcome in enumerate(region.workers.run(partial(work, store=store), tasks), 1):
-        region.note(outcome, f"{step.name} of {square_of(tasks[outcome.index][0]).name}")
+        unit = square_of(tasks[outcome.index][0])
+        region.note(outcome, getattr(unit, "label", f"{step.name} of {unit.name}"))
         region.budget.add(step.booked, outcome.cpu)
         if step.shown:
             region.progress(step.shown, count, len(tasks))
+
+
+def read_key(region: Region, work: Work, unit: Any) -> str:
+    """The key of the files that a step reads for a unit."""
+    files = [files_read(region, work, number, unit) for number in range(len(work.step.takes))]
+    return key_of(work.key, work.side, unit, files)
 
 
 def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:

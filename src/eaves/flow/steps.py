@@ -25,9 +25,22 @@ from eaves.buildings.edited import inputs_of_edited, model_orders
 from eaves.buildings.owned import inputs_of_buildings, model_buildings
 from eaves.flow.step import Input, Step
 from eaves.run import keys
+from eaves.run.partition import SliceWriter, inputs_of_points, read_slice
 from eaves.run.points import load_chosen, load_files, load_points, load_scans
 from eaves.run.world_squares import WIDE_SQUARE
 
+POINTS = Step(
+    name=keys.POINTS,
+    code=keys.READING,
+    takes=(),
+    inputs_of=inputs_of_points,
+    run=read_slice,
+    reads=("side", "window", "fields"),
+    writes=SliceWriter,
+    booked="read",
+    shown="read",
+)
+"""Its units are the parts of the inputs, whose points it puts into their blocks."""
 SUPERSEDED = Step(
     name=keys.SUPERSEDED,
     code=(*keys.BASE, "blocks/superseded.py"),
@@ -174,6 +187,7 @@ SHOWN = Step(
 )
 """What the files show of a block, of a run by tiles, which lets go of the other results."""
 STEPS = (
+    POINTS,
     SUPERSEDED,
     THINNED,
     SHARPENED,

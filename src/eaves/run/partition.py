@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import uuid
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 from zlib import crc32
 
 import numpy as np
@@ -22,12 +21,9 @@ from eaves.kernels import kernel
 from eaves.model import GRID_STEP, Block, Bounds, Points
 from eaves.model.cloud import canonical_order
 from eaves.run.index import Index, open_unchanged
-from eaves.run.keys import PARTS, READING, code_digest, key_of
-from eaves.run.part_file import as_arrays, load_part
+from eaves.run.keys import UNKEYED, key_of
 from eaves.run.store import Store
 from eaves.run.world_squares import ring
-
-log = logging.getLogger("eaves")
 
 PART_POINTS = 4_000_000
 """Records of each part in which a longer file is read by several processes, about."""
@@ -43,40 +39,61 @@ class FileSlice:
     number: int
     first: int
     """The id of the input's first point."""
-    path: Path
     crs: str | None
     to_crs: str
-    count: int
-    box: Bounds
-    """Bounding box of the points by the header, world metres."""
     k: int
     n: int
     mark: bytes
     """Fingerprint of the file when the run began."""
-    source: Source | None
+    path: Path = field(metadata=UNKEYED)
+    count: int = field(metadata=UNKEYED)
+    box: Bounds = field(metadata=UNKEYED)
+    """Bounding box of the points by the header, world metres."""
+    source: Source | None = field(metadata=UNKEYED, compare=False)
     """Given where opening it again would read its points."""
 
     @property
     def name(self) -> str:
         return f"{self.number:07d}-{self.k:04d}"
 
+    @property
+    def label(self) -> str:
+        """What it is of, for messages."""
+        return str(self.path)
+
     def opened(self) -> Source:
         """The input, as the index knows it."""
         return self.source or open_unchanged(self.path, self.crs, self.count, self.to_crs)
 
 
+def number_of(name: str) -> int:
+    """The number of the input that a part is of, by the part's name."""
+    return int(name.partition("-")[0])
+
+
 @dataclass(frozen=True)
 class PartFacts:
-    """What is known of a part that is in place."""
+    """What is known of a part of an input whose points are in their blocks.
+
+    Parameters
+    ----------
+    records : int
+        Read of it.
+    unread : str or None
+        Why not all were.
+    blocks : mapping
+        Bytes and checksum of its file in each block, by the block's name.
+    repeated : sequence of str
+        Names of the blocks in which points of it are identical.
+    extent : Bounds or None
+        Of its points (world metres), where they lie outside the box of the header.
+    """
 
     records: int
-    """Read of it."""
     unread: str | None
-    """Why not all were."""
     blocks: Mapping[str, Sequence[int]]
-    """Bytes and checksum of its file in each block, by the block's name."""
-    repeated: Sequence[str] = ()
-    """Names of the blocks in which points of it are identical."""
+    repeated: Sequence[str]
+    extent: Bounds | None
 
 
 @dataclass(frozen=True)
@@ -103,49 +120,10 @@ def file_slices(index: Index, numbers: Iterable[int] | None = None) -> list[File
     for number in range(len(index)) if numbers is None else map(int, numbers):
         count, source = int(index.entries["count"][number]), index.kept.get(number)
         n = 1 if source is not None and source.kind == "text" else max(1, -(-count // PART_POINTS))
-        file = (number, int(starts[number]), index.path(number), index.crs, index.to_crs)
-        shared = (*file, count, index.bounds(number))
-        parts += [FileSlice(*shared, k, n, index.mark(number), source) for k in range(n)]
+        file = (number, int(starts[number]), index.crs, index.to_crs)
+        mark, path, box = index.mark(number), index.path(number), index.bounds(number)
+        parts += [FileSlice(*file, k, n, mark, path, count, box, source) for k in range(n)]
     return parts
-
-
-def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> str:
-    """The key of all that the points of a part follow from."""
-    code = code_digest(READING)
-    place = (part.mark, part.first, part.k, part.n, part.crs, part.to_crs, side, window)
-    return key_of(code, store.system, *place, *store.fields)
-
-
-def known_parts(store: Store, index: Index, side: float, window: Window) -> dict[str, PartFacts]:
-    """The facts of the parts of inputs that were read, by name, and whose points are as they were left; what
-    else lies in the folders of points is removed."""
-    numbers = {path.stem.split("-")[0] for path in (store.folder / PARTS).glob("*-*.part")}
-    places = sorted(int(number) for number in numbers if number.isdigit())
-    parts = file_slices(index, [number for number in places if number < len(index)])
-    keys = ((part, key_of_part(part, store, side, window)) for part in parts)
-    known = {part.name: facts for part, key in keys if (facts := known_part(store, part, key)) is not None}
-    for path in (store.folder / "points").glob("*/*.bin"):
-        if path.stem not in known:
-            path.unlink()
-    for folder in (store.folder / "points").iterdir():
-        if not any(folder.iterdir()):
-            folder.rmdir()
-    store.evict_others(PARTS, [part for part in parts if part.name in known])
-    return known
-
-
-def known_part(store: Store, part: FileSlice, key: str) -> PartFacts | None:
-    """The facts of a part; None where there are none of the key, or points of it were changed."""
-    mark = store.mark(PARTS, part)
-    if mark is None or mark.read != key:
-        return None
-    facts: PartFacts = load_part(store.path(PARTS, part))
-    for block, (size, checksum) in facts.blocks.items():
-        place = store.folder / "points" / block / f"{part.name}.bin"
-        if place.exists() and (place.stat().st_size != size or crc32(place.read_bytes()) != checksum):
-            log.warning("%s: the part is damaged; its points are read again", place)
-            return None
-    return facts
 
 
 def keys_of_points(parts: Mapping[str, PartFacts]) -> dict[str, str]:
@@ -157,39 +135,49 @@ def keys_of_points(parts: Mapping[str, PartFacts]) -> dict[str, str]:
     return {block: key_of(entries) for block, entries in files.items()}
 
 
-def partition_slice(
-    task: tuple[FileSlice, str],
-    store: Store,
-    side: float,
-    window: Window,
-    copied: bool = False,
-    progress: Callable[[int], None] = lambda points: None,
-) -> tuple[PartFacts, Bounds | None]:
-    """Write every usable point of a part to its block's folder; its facts, with their mark, come last.
+class Reading(Protocol):
+    """What decides which points are read, and into which blocks."""
 
-    The `task` is a part with its key (`key_of_part`), which the mark bears. Where they are `copied`, the
-    records of a compressed file are kept whole as well: the classified points are written from them, for to
-    decompress them again costs many times as much.
+    @property
+    def side(self) -> float:
+        """Of blocks (m)."""
 
-    Withheld points and points without a position stay out. `progress` is called with the number of points
-    read. Of a damaged input the points before the damage are used; a resumed run tries it again.
+    @property
+    def window(self) -> Window:
+        """The points that are used."""
+
+    @property
+    def fields(self) -> Sequence[str]:
+        """The fields of points that are read beside coordinates, returns and classes."""
+
+
+def inputs_of_points(part: FileSlice, parameters: object) -> FileSlice:
+    """A part of an input, from which its points follow."""
+    return part
+
+
+def read_slice(part: FileSlice, writer: SliceWriter, parameters: Reading) -> PartFacts:
+    """Write every usable point of a part to its block; what is known of it.
+
+    The records of a compressed file are kept whole as well where the writer has room for them: the classified
+    points are written from them, for to decompress them again costs many times as much.
+
+    Withheld points and points without a position stay out. Of a damaged input the points before the damage
+    are used; a resumed run tries it again.
     """
-    part, key = task
-    writer = SliceWriter(store, part.name)
-    read, extent, unread = 0, None, None
+    window, read, extent, unread = parameters.window, 0, None, None
     try:
         try:
             source = part.opened()
             # all points but a COPC file's are decompressed anyway: those outside tell whether the header lies
             bounds = window.bounds if source.kind == "copc" else None
-            copy = writer.copy() if copied and source.kind in ("laz", "copc") and bounds is None else None
+            copy = writer.copy() if source.kind in ("laz", "copc") and bounds is None else None
             share = part.k, part.n
-            for chunk in iter_chunks(source, bounds, part=share, copy=copy, fields=store.fields):
+            for chunk in iter_chunks(source, bounds, part=share, copy=copy, fields=parameters.fields):
                 box = Bounds.of(chunk.xyz)
                 extent = box if extent is None else extent.union(box)
-                partition_chunk(chunk, part.first, side, window, writer)
+                partition_chunk(chunk, part.first, parameters.side, window, writer)
                 read += len(chunk)
-                progress(len(chunk))
             refuse_change(part.path, part.mark)
         except InputError as error:
             unread = str(error)
@@ -199,9 +187,7 @@ def partition_slice(
         raise
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = extent is not None and inside.union(extent) != inside
-    facts = PartFacts(read, unread, written, writer.repeated)
-    store.save(PARTS, part, as_arrays(facts), key)
-    return facts, extent if lies else None
+    return PartFacts(read, unread, written, tuple(writer.repeated), extent if lies else None)
 
 
 def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: SliceWriter) -> None:
@@ -238,9 +224,9 @@ class SliceWriter:
     """The files of one part: hidden until all of it is written, so that neither a killed process nor two that
     do the same work leave a point twice."""
 
-    def __init__(self, store: Store, name: str) -> None:
-        self._store, self._name = store, name
-        self._hidden = f".{name}-{uuid.uuid4().hex}"
+    def __init__(self, store: Store, part: FileSlice) -> None:
+        self._store, self._name = store, part.name
+        self._hidden = f".{part.name}-{uuid.uuid4().hex}"
         self._blocks: set[str] = set()
         self._copy: BinaryIO | None = None
         self.repeated: list[str] = []
@@ -251,8 +237,10 @@ class SliceWriter:
         """The layout of a point."""
         return self._store.record
 
-    def copy(self) -> BinaryIO:
-        """The file of the part's records as they are."""
+    def copy(self) -> BinaryIO | None:
+        """The file of the part's records as they are; None where they are not kept."""
+        if not self._store.copies:
+            return None
         path = self._store.records_path(self._hidden)
         path.parent.mkdir(exist_ok=True)
         self._copy = path.open("wb")

@@ -9,20 +9,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError
 from eaves.model import Block, CoordinateSystem
-from eaves.run.keys import PARTS, SHARPENED, SUPERSEDED, THINNED, Mark, key_of
+from eaves.run.keys import POINTS, SHARPENED, SUPERSEDED, THINNED, Mark, key_of
 from eaves.run.part_file import PartFile, is_whole_part, save_part
 
 log = logging.getLogger("eaves")
 
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 12
+FORM = 13
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -51,9 +52,9 @@ class Unit(Protocol):
 
 @dataclass(frozen=True)
 class Store:
-    """A folder with `points/` (a folder for each block, in it a file for each part of an input) and a folder
-    for each step and for the parts of inputs that were read (for each unit a file and its mark); during a
-    small run also `records/` (decompressed records, a file for each part of an input)."""
+    """A folder with a folder for each step, in it for each unit a file and its mark; in `points/` also a
+    folder for each block with a file for each part of an input, and during a small run `records/`
+    (decompressed records, a file for each part of an input)."""
 
     folder: Path
     has_returns: bool = True
@@ -63,6 +64,8 @@ class Store:
     """Other fields of the points that methods take."""
     persistent: bool = False
     """True if a later run may reuse the results; only then are keys computed."""
+    copies: bool = False
+    """True if the records of the inputs are kept as they were read."""
 
     @property
     def record(self) -> np.dtype[np.void]:
@@ -88,8 +91,7 @@ class Store:
             raise InputError.about(self.folder, "holds parts that another version of eaves wrote", remedy)
         if not form.exists():
             form.write_text(str(FORM))
-        for name in ("points", PARTS):
-            (self.folder / name).mkdir(exist_ok=True)
+        (self.folder / POINTS).mkdir(exist_ok=True)
 
     def discard(self) -> None:
         """Remove the folder with everything in it."""
@@ -97,11 +99,36 @@ class Store:
 
     def points_path(self, block: Block) -> Path:
         """The folder of a block's points."""
-        return self.folder / "points" / block.name
+        return self.folder / POINTS / block.name
 
     def remove_points(self, block: Block) -> None:
         """Remove the points of a block."""
         shutil.rmtree(self.points_path(block), ignore_errors=True)
+
+    def has_points(self, name: str, blocks: Iterable[str]) -> bool:
+        """True if the points of a part of an input, by its name, are in some blocks, by theirs."""
+        return all((self.folder / POINTS / block / f"{name}.bin").exists() for block in blocks)
+
+    def are_whole(self, name: str, files: Mapping[str, Sequence[int]]) -> bool:
+        """True if what is there of the points of a part of an input has the size and checksum that its
+        `files` had, by block; else with a warning."""
+        for block, (size, checksum) in files.items():
+            place = self.folder / POINTS / block / f"{name}.bin"
+            if place.exists() and (place.stat().st_size != size or crc32(place.read_bytes()) != checksum):
+                log.warning("%s: the part is damaged; its points are read again", place)
+                return False
+        return True
+
+    def keep_points(self, parts: Sequence[Unit]) -> None:
+        """Remove the points of all parts of inputs but these."""
+        self.evict_others(POINTS, parts)
+        names = {part.name for part in parts}
+        for folder in (entry for entry in (self.folder / POINTS).iterdir() if entry.is_dir()):
+            for path in folder.iterdir():
+                if path.stem not in names:
+                    path.unlink()
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
     def records_path(self, name: str) -> Path:
         """The file of the records of a part of an input."""
@@ -113,7 +140,8 @@ class Store:
 
     def blocks(self, side: float) -> list[Block]:
         """The blocks that have points, in order."""
-        names = [entry.split("_") for entry in os.listdir(self.folder / "points")]
+        with os.scandir(self.folder / POINTS) as entries:
+            names = [entry.name.split("_") for entry in entries if entry.is_dir()]
         blocks = sorted(Block(int(column), int(row), side) for column, row in names)
         return [block for block in blocks if not self.has(SUPERSEDED, block) or self.count_points(block)]
 
@@ -190,8 +218,12 @@ class Store:
 
     def units(self, step: str, side: float) -> list[Block]:
         """The blocks or squares of a side (m) that have results of a step, in order."""
-        names = [path.stem.split("_") for path in (self.folder / step).glob("*.part")]
+        names = [name.split("_") for name in self.names(step)]
         return sorted(Block(int(column), int(row), side) for column, row in names)
+
+    def names(self, step: str) -> list[str]:
+        """The names of the units that have results of a step."""
+        return [path.stem for path in (self.folder / step).glob("*.part")]
 
     def mark(self, step: str, unit: Unit) -> Mark | None:
         """The mark of a result; None where there is none that is whole."""
