@@ -9,11 +9,14 @@ import pytest
 
 from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.borders import source_side
-from eaves.detect.consensus.evidence import gather_evidence
-from eaves.detect.consensus.groups import without_pores
-from eaves.detect.consensus.segments import find_segments, inner_width
-from eaves.detect.consensus.windows import planes_kernel, window_sum
+from eaves.detect.consensus.evidence import (
+    find_segments,
+    gather_evidence,
+    inner_width,
+    planes_kernel,
+    window_sum,
+)
+from eaves.detect.consensus.groups import source_side, without_pores
 from eaves.detect.stage import OBJECT
 from eaves.geometry.planes import sums_of
 from eaves.model import PointCloud

@@ -20,7 +20,7 @@ from eaves.formats.models.cityjson import SURFACES, WKT_MEMBER
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 from eaves.validate import validate_file
 
 ORIGIN = (84960.0, 447120.0)

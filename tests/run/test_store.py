@@ -9,8 +9,7 @@ import pytest
 
 from eaves.formats import Chunk
 from eaves.model import Block, Bounds, PointCloud
-from eaves.run.partition import SliceWriter, Window, partition_chunk
-from eaves.run.points import load_window
+from eaves.run.points import SliceWriter, Window, load_window, partition_chunk
 from eaves.run.store import Store
 
 

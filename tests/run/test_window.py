@@ -17,9 +17,9 @@ from eaves.formats import iter_chunks, open_source
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Bounds, CoordinateSystem
 from eaves.run.index import index_inputs
-from eaves.run.partition import SliceWriter, Window, file_slices, read_slice
+from eaves.run.points import SliceWriter, Window, file_slices, read_slice
 from eaves.run.store import Store
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 
 SIDE = 30.0
 BORDER = 13.0

@@ -5,15 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.geometry.face_table import FaceTable
-from eaves.geometry.tolerance import PLANARITY
+from eaves.geometry.rings import PLANARITY
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
-from eaves.solids.soundness import (
-    FLATTEST_SHARE,
-    fold_defect,
-    on_own_plane,
-    plan_defect,
-    surely_sound,
-)
+from eaves.solids.soundness import FLATTEST_SHARE, fold_defect, on_own_plane, plan_defect, surely_sound
 
 SURFACES = np.array([GROUND_SURFACE, ROOF_SURFACE])
 

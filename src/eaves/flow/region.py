@@ -5,19 +5,18 @@ from __future__ import annotations
 import json
 import logging
 import shutil
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eaves.blocks.seams import REACH, compare_heights, find_steps, shared_places
-from eaves.blocks.thinned import FEW_PER_M2
-from eaves.buildings.building_file import NUMBERS
-from eaves.buildings.edited import OwnedOrders
-from eaves.buildings.join import (
+from eaves.blocks.points import FEW_PER_M2, REACH, Heights, compare_heights, shared_places
+from eaves.buildings.building_file import NUMBERS, SavedBuildings
+from eaves.buildings.gather import (
     OwnedBuildings,
     Seam,
     assign_footprints,
@@ -25,50 +24,193 @@ from eaves.buildings.join import (
     join_regions,
     with_addresses,
 )
-from eaves.flow.run import Progress, Run, request_of
-from eaves.flow.step import Region, Step, Work, ensure, read_key, results_of, squares_read, store_of
-from eaves.flow.steps import (
+from eaves.flow.refusals import remark_on_copies, remark_on_steps, warn_of_wrong_boxes
+from eaves.flow.run import Progress, Run, no_progress, request_of
+from eaves.flow.step import (
     BUILDINGS,
-    EDITED,
     FLOORS,
     POINTS,
     REGIONS,
     SHARPENED,
     SUPERSEDED,
     THINNED,
+    Step,
+    Work,
+    ensure,
+    inputs_in,
+    read_key,
+    results_of,
+    squares_read,
+    store_of,
 )
-from eaves.flow.tiles import (
-    Area,
-    bounds_by_tile,
-    by_tile,
-    evict,
-    given_in,
-    inputs_meeting,
-    squares_of_area,
-)
-from eaves.formats.whole_files import atomic
-from eaves.model import GRID_STEP, Block
+from eaves.flow.tiles import Area, GivenFootprints, bounds_by_tile, given_in, inputs_meeting, squares_of_area
+from eaves.formats import InputError
+from eaves.formats.whole_files import DiskFullError, atomic
+from eaves.model import GRID_STEP, Block, Bounds, CoordinateSystem, PointCloud
+from eaves.model.block import ring
 from eaves.recipe.recipe import Recipe
-from eaves.run.keys import NAMED, key_of
-from eaves.run.partition import (
+from eaves.run.keys import EDITED, NAMED, key_of
+from eaves.run.memory import Budget
+from eaves.run.points import (
     FileSlice,
     PartFacts,
     Window,
     file_slices,
     find_isolated_blocks,
     keys_of_points,
+    load_inputs,
+    load_window,
     number_of,
 )
-from eaves.run.points import load_inputs
-from eaves.run.workers import Workers
-from eaves.run.world_squares import ring
+from eaves.run.store import Results, Store
+from eaves.run.workers import Outcome, Workers, peak_memory_mb
+
+if TYPE_CHECKING:
+    from eaves.flow.tiles import GivenFootprints, TileRecord
 
 log = logging.getLogger("eaves")
+
 
 REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for; run.json lacks it while files are written."""
 EARLIER = "earlier"
 """Folder, beside the results of a run that is updated in its place, of those that it shows until then."""
+
+
+@dataclass(eq=False)
+class Region:
+    """A run's points, and what is noted as they go through the steps."""
+
+    run: Run
+    store: Store
+    workers: Workers = field(default_factory=Workers)
+    progress: Progress = no_progress
+    failed: list[str] = field(default_factory=list)
+    peak: float = field(default_factory=peak_memory_mb)
+    budget: Budget = field(default_factory=Budget)
+    wrong_boxes: dict[int, Bounds] = field(default_factory=dict)
+    points: int = 0
+    """Of the inputs, without those that could not be read."""
+    unread: dict[int, str] = field(default_factory=dict)
+    """Inputs that could not be read to their end, by number, with the reason."""
+    parts: dict[str, PartFacts] = field(default_factory=dict)
+    """The parts of inputs that were read, by name."""
+    within: set[Block] | None = None
+    """The blocks whose points were asked for; None for all."""
+    with_points: frozenset[Block] = frozenset()
+    """Of these, those that have points, also those that hold nothing but isolated."""
+    used: frozenset[Block] = frozenset()
+    """Those that have points, without those that hold nothing but isolated."""
+    isolated: dict[Block, int] = field(default_factory=dict)
+    """Blocks left out, with the number of their points."""
+    points_keys: Mapping[str, str] = field(default_factory=dict)
+    """Block, by its name → the key of its points."""
+    ensured: dict[str, set[Any]] = field(default_factory=dict)
+    """Step, by its name → the units whose results are there."""
+    copies: dict[Block, tuple[int, ...]] = field(default_factory=dict)
+    """Blocks with identical points: how many are copies, and the ids of one and of its copy."""
+    heights: dict[Block, Heights] = field(default_factory=dict)
+    """Blocks in which inputs overlap or adjoin: differences of their heights."""
+    visits: dict[Block | None, TileRecord] = field(default_factory=dict)
+    """Tile → what was found of it; None → of a run in one piece."""
+    visited: dict[Block, str] = field(default_factory=dict)
+    """Tile → the key of what it was found from."""
+    unfinished: frozenset[Block] = frozenset()
+    """The tiles that come later."""
+    given: dict[Block, GivenFootprints] = field(default_factory=dict)
+    """Tile → the given footprints that it owns."""
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The blocks that are used, in order."""
+        return sorted(self.used)
+
+    @property
+    def shown(self) -> list[Block]:
+        """The blocks that the files show, in order."""
+        return sorted(block for visit in self.visits.values() for block in visit.blocks)
+
+    @property
+    def owners(self) -> list[Block]:
+        """The blocks that own buildings, in order."""
+        return sorted(owner for visit in self.visits.values() for owner in visit.owners)
+
+    @property
+    def blocks_read(self) -> list[Block]:
+        """The blocks that points were brought to, in order."""
+        return self.store.blocks(self.run.side)
+
+    def computes(self, step: Step, square: Block) -> bool:
+        """True if a square is a unit of a step; a block is one if it has points."""
+        return step.side is not None or square in (self.with_points if step.isolated else self.used)
+
+    def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
+        """The keys of the points of some blocks, of those that have any."""
+        keys = self.points_keys
+        more = "".join(f" {name}" for name in self.store.fields)
+        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{more}")
+        return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
+
+    @property
+    def buildings(self) -> SavedBuildings:
+        """The buildings as the files show them."""
+        return SavedBuildings(self.store)
+
+    @property
+    def system(self) -> CoordinateSystem:
+        """The reference system."""
+        return self.store.system
+
+    def results(self, step: Step, squares: Sequence[Block]) -> Results:
+        """The results of a step in those of some squares that have one."""
+        return results_of(step, self.store, squares)
+
+    def array(self, step: Step, square: Block, name: str) -> NDArray[Any]:
+        """An array of a result of a step."""
+        return self.store.array(step.name, square, name)
+
+    def inputs_of(self) -> Callable[[Step, Block], Any]:
+        """What gives all that a step follows from in a block; picklable."""
+        return partial(inputs_in, self.store, self.run)
+
+    def window(self, block: Block, reach: float) -> PointCloud:
+        """The points of a block and of its surroundings up to `reach` (m), about its corner."""
+        return load_window(self.store, block, reach).cloud
+
+    def move_to(self, folder: Path) -> None:
+        """Go on with the results that lie in a folder, or with none, and then without those there were."""
+        if not folder.exists():
+            self.store.discard()
+        self.store = replace(self.store, folder=folder, persistent=True)
+        self.store.prepare()
+
+    def correct_boxes(self) -> None:
+        """Widen the boxes of inputs to where their points were found."""
+        self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
+
+    def remark(self, *remarks: str) -> None:
+        """Say what the user must know of these inputs (`Run.with_remarks`)."""
+        self.run = self.run.with_remarks(*remarks)
+
+    def refuse(self, reason: str) -> NoReturn:
+        """End the run for its inputs' sake; nothing of it stays."""
+        self.store.discard()
+        raise InputError(reason)
+
+    def note(self, outcome: Outcome, what: str) -> None:
+        """Remember the peak memory of a task, and its error for the report.
+
+        Raises
+        ------
+        DiskFullError
+            When that was the error: there is no use in going on.
+        """
+        self.peak = max(self.peak, outcome.peak_mb)
+        if outcome.full:
+            raise DiskFullError(outcome.error)
+        if outcome.error:
+            self.failed.append(f"{what}: {outcome.error}")
+            log.error("%s", self.failed[-1])
 
 
 def open_region(run: Run, workers: Workers, progress: Progress) -> Region:
@@ -95,7 +237,7 @@ def show_tiles(progress: Progress, step: str, done: int, total: int) -> None:
 def drop_upkeep(region: Region) -> None:
     """Remove what an earlier update left: names, edits and numbers, of which a build has none."""
     folder = region.store.folder
-    for name in (NAMED, EDITED.name, EARLIER):
+    for name in (NAMED, EDITED, EARLIER):
         shutil.rmtree(folder / name, ignore_errors=True)
     (folder / NUMBERS).unlink(missing_ok=True)
 
@@ -158,7 +300,7 @@ def read_points(region: Region) -> None:
     region.points = index.points - lost + sum(read)
     region.points_keys = keys_of_points(region.parts)
     region.run = replace(region.run, index=index.without_records())
-    region.budget.step("read")
+    region.budget.step(POINTS.name)
 
 
 def note_part(region: Region, part: FileSlice, broken: Sequence[str]) -> None:
@@ -263,35 +405,6 @@ def may_hold_copies(region: Region, block: Block) -> bool:
     return bool(np.triu((width > -GRID_STEP) & (height > -GRID_STEP), 1).any())
 
 
-def remark_on_copies(region: Region) -> None:
-    """Say how many points are copies of others, and of which inputs the first ones are."""
-    if not region.copies:
-        return
-    index, count = region.run.index, sum(copies[0] for copies in region.copies.values())
-    ids = region.copies[min(region.copies)][1:]
-    numbers = np.searchsorted(index.starts, ids, side="right") - 1
-    files = " and ".join(dict.fromkeys(index.path(int(number)).name for number in numbers))
-    region.remark(
-        f"{count:,} of {region.points:,} points are identical to others (the first: in {files}) and count "
-        "once: a file given twice, tiles with a buffer, or a strip copied"
-    )
-
-
-def remark_on_steps(region: Region) -> None:
-    """Say which two inputs differ most in height where they meet, and by how much."""
-    found = find_steps([region.heights[block] for block in sorted(region.heights)])
-    if not found:
-        return
-    step, *numbers, places = found[0]
-    low, high = (region.run.index.path(number).name for number in (numbers if step > 0 else numbers[::-1]))
-    others = f"; {len(found) - 1} more pairs of files differ" if len(found) > 1 else ""
-    facts = f"{abs(step):.2f} m higher than {low} where they meet (median of {places:,} places{others})"
-    region.remark(
-        f"{high} lies {facts}: a vertical step between files, as of two height systems; heights of "
-        "the results follow each file"
-    )
-
-
 def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:
     """Bring the results of a step that says which of some blocks' points are used, and no others of it."""
     region.store.evict_others(step.name, units)
@@ -337,6 +450,7 @@ def check_blocks(region: Region) -> None:
     warn_of_wrong_boxes(region)
     remark_on_copies(region)
     remark_on_steps(region)
+    region.store.evict_others(BUILDINGS.name, region.owners)
     if region.shown:
         return
     if run.index.points and not region.isolated and run.window == Window():
@@ -380,7 +494,7 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
         plans = assign_footprints(owned.footprints, region.blocks, run.first_block, owned.lost)
     else:
         plans = with_addresses(join_regions(seams(region, done)), run.addresses)
-    region.budget.step("blocks")
+    region.budget.step(REGIONS.name)
     return [plan for plan in plans if area.holds(plan.owner_block)]
 
 
@@ -393,16 +507,7 @@ def model_plans(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
     ensure_points(region, BUILDINGS, plans)
     ensure(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
-    region.budget.step("buildings")
-
-
-def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
-    """The buildings of some owner blocks after a person's edits."""
-    for group in by_tile(region, units):
-        ensure_points(region, EDITED, group)
-        ensure(region, EDITED, group)
-        if region.run.by_tiles:
-            evict(region)
+    region.budget.step(BUILDINGS.name)
 
 
 def size_of(region: Region, plan: OwnedBuildings) -> float:
@@ -427,18 +532,6 @@ def end_region(region: Region, complete: bool) -> None:
             temporary.write_text(json.dumps(request), encoding="utf-8")
     elif complete:
         store.discard()
-
-
-def warn_of_wrong_boxes(region: Region) -> None:
-    """One warning for all files whose points lie outside the box their header states."""
-    boxes = region.wrong_boxes
-    if boxes:
-        log.warning(
-            "%d files have points outside the bounding box of their header (the first: %s); the points are "
-            "used where they are",
-            len(boxes),
-            region.run.index.path(min(boxes)),
-        )
 
 
 def import_methods(recipe: Recipe) -> None:

@@ -12,21 +12,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.buildings.join import OwnedBuildings, block_of
+from eaves.buildings.gather import OwnedBuildings, block_of
 from eaves.flow.run import TILE_SIDE, Run
-from eaves.flow.step import GivenFootprints, Region, TileRecord, ensure, squares_read
-from eaves.flow.steps import BUILDINGS, POINTS, REGIONS, SHOWN, STEPS
+from eaves.flow.step import BUILDINGS, POINTS, REGIONS, SHOWN, STEPS, ensure, squares_read
 from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.model.block import WIDE_SQUARE, ring, squares_of, squares_touching
 from eaves.run.index import Index
 from eaves.run.keys import VISITED, code_digest, key_of
-from eaves.run.part_file import as_arrays, load_part
-from eaves.run.partition import BOX_TOLERANCE, number_of
-from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
+from eaves.run.points import BOX_TOLERANCE, number_of
+from eaves.run.store import as_arrays, load_part
+
+if TYPE_CHECKING:
+    from eaves.flow.region import Region
 
 INPUT_FACTS = ("files", "inputs", "inputs_sha256", "scan")
 """What the plan says of all inputs; a tile follows from those near it."""
@@ -36,6 +38,26 @@ def tile_of(block: Block, side: float = TILE_SIDE) -> Block:
     """The tile of a side (m), a whole multiple of the block's, that a block lies in."""
     blocks = round(side / block.side)
     return Block(block.column // blocks, block.row // blocks, side)
+
+
+@dataclass(frozen=True)
+class TileRecord:
+    """Record of a finished tile, or of a whole run that has one tile."""
+
+    owners: tuple[Block, ...]
+    blocks: tuple[Block, ...]
+    """Blocks that the outputs cover."""
+    points: int = 0
+    read: tuple[Bounds, ...] = ()
+    """Extents of everything that was read for it (world metres)."""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenFootprints:
+    """Given footprints (world metres), and the ones that cannot be modelled."""
+
+    footprints: Sequence[Footprint] = ()
+    lost: Sequence[Failure] = ()
 
 
 def given_by_tile(run: Run) -> dict[Block, GivenFootprints]:

@@ -11,9 +11,7 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.pieces import joined_pieces, owned_by_neighbours
-from eaves.geometry.rings import polygon_parts
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP, joined_pieces, owned_by_neighbours, polygon_parts
 from eaves.methods import ContractError, MethodChoice, resolve_method
 from eaves.model import Failure, Footprint, Integers
 from eaves.model.checks import error_line

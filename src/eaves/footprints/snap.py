@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.model import Footprint, Integers, Points, Values
 from eaves.outline.global_fit import GlobalFit
 from eaves.outline.toolkit.edges import edge_shift_kernel

@@ -128,7 +128,7 @@ def path_of_method(module: str) -> str:
 POINTS, SUPERSEDED, THINNED, SHARPENED = "points", "superseded", "thinned", "sharpened"
 FLOORS, LARGE, DECKS = "floors", "large", "decks"
 GROUND, SIGNS, REGIONS, BUILDINGS = "ground", "signs", "regions", "buildings"
-"""Names of the steps whose results are kept; `eaves.flow.steps` is their table."""
+"""Names of the steps whose results are kept; `eaves.flow.step` is their table."""
 VISITED, CLASSIFIED = "visited", "classified"
 """Names of what is known by marks like theirs: tiles that are finished, files of classified points."""
 UNKEYED = {"keyed": False}

@@ -11,9 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.components import members_kernel, unite_kernel
-from eaves.geometry.inside import points_in_polygons
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.inside import members_kernel, points_in_polygons, unite_kernel
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Integers, Mask, Points, Values
 

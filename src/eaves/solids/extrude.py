@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.components import connected_groups_kernel, members_kernel
-from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
+from eaves.geometry.inside import connected_groups_kernel, members_kernel
+from eaves.geometry.rings import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import (
     GROUND_SURFACE,

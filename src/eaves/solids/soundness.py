@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.planes import eigen_kernel
-from eaves.geometry.rings import following_places
-from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
+from eaves.geometry.rings import COORDINATE_STEP, PLANARITY, following_places
 from eaves.kernels import kernel
 from eaves.model import ROOF_SURFACE, WALL_SURFACE, Mask, Points, Solid
 

@@ -12,7 +12,7 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.face_table import FaceTable
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.model import NO_PLANE, ROOF_SURFACE, Integers, Solid
 from eaves.solids.coverage import (
     NARROWEST_NECK,

@@ -9,8 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 
-from eaves.geometry.rings import following_places, polygon_parts
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP, following_places, polygon_parts
 
 SAME_PLACE_M = 0.02
 """Vertices and edges of neighbours nearer than this (m, a tolerance) are the same."""

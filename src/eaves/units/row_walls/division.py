@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
 from eaves.geometry.inside import edges_of, points_in_polygons
-from eaves.geometry.pieces import joined_pieces, owned_by_neighbours
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP, joined_pieces, owned_by_neighbours
 from eaves.methods import Method, parameter
 from eaves.outline.toolkit.shared_edges import welded_outlines
 from eaves.units.row_walls.evidence import WINDOW_M, Roofs
