@@ -20,7 +20,7 @@ from docs.source_pages import source_page
 from docs.steps_page import steps_page
 
 from eaves.methods import REGISTRY, methods_of
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import sources
 
 DOCS = Path(__file__).parent
 RESULTS = DOCS.parent / "benchmarks" / "results"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import sources
 
 FOLDER = Path(__file__).parent / "images" / "sources"
 SCAN = "vaihingen/strip10.las"

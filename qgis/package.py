@@ -19,8 +19,9 @@ from typing import Any, get_args, get_origin
 from typer.models import ArgumentInfo
 
 from eaves.change.command import compare
-from eaves.cli import compute, results
-from eaves.cli.options import with_signature
+from eaves.cli import app as compute
+from eaves.cli import results
+from eaves.cli.runs import with_signature
 from eaves.exports.command import export
 from eaves.methods import DEFAULTS, REGISTRY, Method, method_class, methods_of
 from eaves.solar.command import solar

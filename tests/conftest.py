@@ -19,7 +19,7 @@ from eaves.flow.run import Progress, no_progress, open_run
 from eaves.model.summary import Summary
 from eaves.pipeline import Correction, build, build_run, end_run, hold_folder, no_correction
 from eaves.run.options import EVERYTHING
-from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
+from eaves.simulate.objects.houses import ExactScene, nine_roofs_on_a_slope
 from tests.judges import summary_of
 
 

@@ -17,7 +17,7 @@ from docs.source_pages import newest, rows_of, source_page
 from pyproj import CRS
 
 from eaves.cli.app import make_app
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import sources
 from tests.conftest import build_files, but_first
 from tests.contracts.test_public_docstrings import PUBLIC
 

@@ -21,7 +21,7 @@ from eaves.kernels import LIST, MAKER, Kernel, inlined_kernel, kernel, sort_of
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from tests.conftest import build_files
 
-QUICK = ("geometry.components", "geometry.planes.sums", "geometry.tin.whole", "raster.interpolate.away")
+QUICK = ("geometry.inside.connected", "geometry.planes.sums", "geometry.tin.whole", "raster.interpolate.away")
 """Kernels that numba compiles in a moment: the library is compared with it on these whenever tests run."""
 
 STEP = 2.0
@@ -79,6 +79,18 @@ def test_code_brought_along_is_used_only_for_its_own_kernel(monkeypatch: pytest.
         monkeypatch.setattr(sum_kernel, "ready", {})
         assert sum_kernel(np.array([1.0, 2.0, 3.0])) == expected
     assert sum_kernel(np.array([1.0, 2.0, 3.0, 0.0])[::2]) == 8.0
+
+
+def test_code_for_strided_arrays_does_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    call = f"{sum_kernel.name}(<f8[1A])"
+    brought = {call: (sum_kernel.fingerprint, lambda values: "brought along")}
+    monkeypatch.setattr(kernels, "library", lambda: brought)
+    monkeypatch.setattr(sum_kernel, "ready", {})
+    values = np.arange(6.0)
+    assert sum_kernel(values) == sum_kernel(values[::2]) == "brought along"
+    assert not kernels.fits(f"{sum_kernel.name}(<f8[2C])", call)  # of two dimensions
+    assert not kernels.fits(call, f"{sum_kernel.name}(<f8[1C])")  # and not the other way round
+    assert kernels.fits("m.k(<i4[2C], |u1[1C], int)", "m.k(<i4[2Au], |u1[1A], int)")
 
 
 def test_list_names_kernels_there_are() -> None:

@@ -17,7 +17,7 @@ import eaves
 from eaves import IncompleteRunError
 from eaves.formats import write_cityjson
 from eaves.pipeline import build
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 from tests.conftest import build_in_blocks, write_laz
 from tests.run.test_long_buildings import footprints
 

@@ -35,8 +35,7 @@ from benchmarks.accuracy.ablation_rules import RULES, Rule
 from benchmarks.survey_variants import SOMEWHERE_M, read_survey, survey_of
 from benchmarks.table import keep
 from eaves.evaluate.footprint_scores import evaluate_footprints
-from eaves.geometry.face_table import FaceTable
-from eaves.geometry.roof_fit import RoofFaces, fit_roof, roof_point_mask
+from eaves.geometry.face_table import FaceTable, RoofFaces, fit_roof, roof_point_mask
 from eaves.methods import DEFAULTS, method_class
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.simulate import scan_town, simulate_town

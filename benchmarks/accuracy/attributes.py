@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.table import keep
-from eaves.figures.roof_figures import LEVEL_SLOPE_DEG, QUARTERS, quarter_of
+from eaves.figures.attributes import LEVEL_SLOPE_DEG, QUARTERS, quarter_of
 from eaves.model import BuildingModel, Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
 from eaves.simulate.objects.exact import ExactBuilding, Mass
-from eaves.simulate.objects.houses import STOREY, draw_detached
-from eaves.simulate.objects.roofs import make_building
+from eaves.simulate.objects.houses import STOREY, draw_detached, make_building
 
 HOUSES, NOISE = 300, 0.03
 """Houses of each density; standard deviation of heights (m)."""

@@ -22,8 +22,8 @@ import numpy as np
 import shapely
 
 from benchmarks.scale.identical import write_part
-from eaves.change.changes import BuildingChange
 from eaves.change.compare import compare
+from eaves.change.verdict import BuildingChange
 from eaves.formats import read_polygons
 from eaves.pipeline import build
 from eaves.run.manifest import read_facts

@@ -28,16 +28,9 @@ from benchmarks.survey_variants import (
     no_fields,
     simulated_survey,
 )
-from eaves.detect.consensus.classifier import (
-    CELL_TERMS,
-    FITTED,
-    SURFACE_TERMS,
-    Weights,
-    measured_terms,
-)
-from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.classifier import CELL_TERMS, FITTED, SURFACE_TERMS, Weights, measured_terms
+from eaves.detect.consensus.evidence import Evidence, Segments
 from eaves.detect.consensus.method import Consensus
-from eaves.detect.consensus.segments import Segments
 from eaves.ground import classify_ground
 from eaves.model import Bounds, Values
 from eaves.model.cloud import BUILDING

@@ -16,8 +16,18 @@ from numpy.typing import NDArray
 from shapely import Polygon, box
 
 from eaves.simulate.objects.exact import Mass
-from eaves.simulate.objects.houses import draw_church, draw_hall, draw_slab
-from eaves.simulate.objects.roofs import Masses, chimney, flat, gable, hip, shed, shifted_masses
+from eaves.simulate.objects.houses import (
+    Masses,
+    chimney,
+    draw_church,
+    draw_hall,
+    draw_slab,
+    flat,
+    gable,
+    hip,
+    shed,
+    shifted_masses,
+)
 
 DEPTH, SLOPE, NOISE = 9.0, 0.8, 0.03
 """Of the rows (m; rise per metre; m)."""

@@ -28,11 +28,11 @@ from benchmarks.accuracy.late_echoes import SEEDS, Scan, read_scan
 from benchmarks.accuracy.smrf import ground_by_smrf
 from benchmarks.table import keep
 from eaves import build, make_recipe
-from eaves.evaluate.ground_scores import evaluate_ground
+from eaves.evaluate.matching import evaluate_ground
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.toolkit.doubts import doubts_within
+from eaves.ground.toolkit.floor import doubts_within
 from eaves.model import GROUND, NOISE_CLASSES, Mask, PointCloud, Points
 from eaves.published.ren_fcs.ground import ContourGround
 from eaves.published.xiao2014.smooth_region import SmoothRegion

@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.survey_variants import SOMEWHERE_M
 from benchmarks.table import keep
-from eaves.ground.toolkit.outliers import find_outliers
+from eaves.ground.toolkit.seeds import find_outliers
 from eaves.model import Mask, PointCloud, Points
 from eaves.model.cloud import GROUND, LOW_NOISE, NOISE_CLASSES
 from eaves.simulate import scan_town, simulate_town

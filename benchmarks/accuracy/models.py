@@ -22,9 +22,8 @@ from benchmarks.table import keep
 from benchmarks.wireframes.drawing import DRAWN_DETAIL, roof_wireframe
 from benchmarks.wireframes.scores import NOTHING, Wireframe, evaluate_wireframe, read_wireframe, sum_scores
 from eaves.figures.attributes import measure_volume
-from eaves.geometry.face_table import FaceTable
+from eaves.geometry.face_table import FaceTable, fit_roof, roof_point_mask
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane
 from eaves.model.building import ROOF_SURFACE
 from eaves.outline import regularise_outlines, trace_outline
@@ -38,7 +37,7 @@ from eaves.roof import segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.town import simulate_town
-from eaves.validate.fit_to_points import roof_faces
+from eaves.validate.files import roof_faces
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.models"

@@ -17,7 +17,7 @@ from benchmarks.table import keep
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.published.maas_vosselman.moments import Moments
 from eaves.published.maas_vosselman.moments.building import ParametricBuilding, fit_building
-from eaves.published.maas_vosselman.moments.invariants import ClosedForm
+from eaves.published.maas_vosselman.moments.parametric_roof import ClosedForm
 
 COMMAND = "python -m benchmarks.accuracy.moments"
 HOUSES = 200

@@ -15,9 +15,9 @@ from eaves.simulate.objects.houses import (
     draw_hall,
     draw_perimeter,
     draw_town_house,
+    flat,
     lifted,
 )
-from eaves.simulate.objects.roofs import flat
 from eaves.simulate.objects.streets import Placement, Plot, lay_streets
 from eaves.simulate.objects.surfaces import (
     Corridor,

@@ -19,8 +19,17 @@ from eaves.reconstruct.overhangs import edge_frames, edges_inward
 from eaves.roof import segment_roof
 from eaves.simulate import Flight, Town, scan_town
 from eaves.simulate.objects.exact import ExactBuilding
-from eaves.simulate.objects.houses import lifted
-from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, shed, shifted_masses, wing
+from eaves.simulate.objects.houses import (
+    Masses,
+    flat,
+    gable,
+    hip,
+    lifted,
+    make_building,
+    shed,
+    shifted_masses,
+    wing,
+)
 from eaves.simulate.objects.surfaces import FASCIA, Foliage, ScannedSurfaces, grow_shrub, make_terrain
 from eaves.solids.undersides import RoofPlan, walls_inside
 from eaves.validate.models import validate_model

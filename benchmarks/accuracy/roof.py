@@ -32,7 +32,7 @@ from eaves.roof import RoofMethod, segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.roof.region_growing import RegionGrowing
 from eaves.simulate.objects.exact import ExactScene
-from eaves.simulate.objects.roofs import nine_roofs_on_a_slope
+from eaves.simulate.objects.houses import nine_roofs_on_a_slope
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.town import simulate_town
 

@@ -19,15 +19,15 @@ from shapely import affinity
 from benchmarks.accuracy.models import building3d, city3d, delft
 from benchmarks.table import keep
 from eaves.figures.attributes import surface_heights
+from eaves.geometry.face_table import roof_point_mask
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.roof_fit import roof_point_mask
 from eaves.model import BuildingModel, Footprint, Points, Values
 from eaves.model.cloud import GRID_STEP
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.roof import segment_roof
 from eaves.simulate.objects.exact import ExactBuilding
-from eaves.simulate.objects.roofs import Masses, gable, hip, make_building, nine_shapes, wing
+from eaves.simulate.objects.houses import Masses, gable, hip, make_building, nine_shapes, wing
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.rotations"

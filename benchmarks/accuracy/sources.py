@@ -31,14 +31,12 @@ from shapely.geometry import shape
 
 from benchmarks.accuracy.detection import rates, top_of_cells
 from benchmarks.table import commit_now, keep, kept_rows
-from eaves.evaluate.city import read_buildings
-from eaves.evaluate.detection_scores import DetectionScore, evaluate_detection, label_objects
-from eaves.evaluate.images import burn_labels
+from eaves.evaluate.detection_scores import DetectionScore, burn_labels, evaluate_detection, label_objects
 from eaves.evaluate.matching import SMALLEST
-from eaves.evaluate.models import evaluate_models
+from eaves.evaluate.models import evaluate_models, read_buildings
 from eaves.model import Raster
 from eaves.model.cloud import BUILDING, GROUND
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import sources
 
 COMMAND = "python -m benchmarks.accuracy.sources"
 CHAINS = ("default", *sources())

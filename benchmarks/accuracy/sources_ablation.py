@@ -20,7 +20,7 @@ from eaves.methods import resolve_method
 from eaves.model import PointCloud, Scene
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import sources
 
 COMMAND = "python -m benchmarks.accuracy.sources_ablation"
 SETS = {"delft": "delft/ahn3.laz", "ign_urban": "ign_urban/*.laz", "wooded hill": "misc/lidR_Topography.laz"}

@@ -30,8 +30,7 @@ from eaves.model.cloud import BUILDING, GROUND, HIGH_VEGETATION, MEDIUM_VEGETATI
 from eaves.model.scene import NOISE, ROOF, TREE, WALL
 from eaves.pipeline import build
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import make_recipe, sources
 
 COMMAND = "python -m benchmarks.accuracy.sources_drawn"
 SEEDS = (9401, 9402, 9403, 9404, 9405)

@@ -18,15 +18,13 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.detection import top_of_cells
 from benchmarks.accuracy.sources import SETS, pieces_of, reference_points
 from benchmarks.table import keep, kept_rows
-from eaves.evaluate.city import read_buildings
-from eaves.evaluate.images import burn_labels
-from eaves.evaluate.models import evaluate_models
+from eaves.evaluate.detection_scores import burn_labels
+from eaves.evaluate.models import evaluate_models, read_buildings
 from eaves.formats import write_cityjson_seq
 from eaves.methods import Method, method_class
 from eaves.model import BuildingModel, Raster
 from eaves.pipeline import model_buildings
-from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import PublishedSource, sources
+from eaves.recipe.recipe import PublishedSource, make_recipe, sources
 
 COMMAND = "python -m benchmarks.accuracy.sources_tuning"
 SET = "amsterdam, blind"

@@ -13,16 +13,15 @@ import shapely
 from benchmarks.accuracy.rotations import scatter
 from benchmarks.table import keep
 from eaves.figures.attributes import surface_heights
-from eaves.geometry.face_table import FaceTable
+from eaves.geometry.face_table import FaceTable, RoofFaces, fit_roof
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.roof_fit import RoofFaces, fit_roof
 from eaves.model import BuildingModel, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
-from eaves.roof.toolkit.crowns import crown_points
+from eaves.roof.toolkit.regions import crown_points
 from eaves.simulate.objects.exact import Mass
-from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, plan_rectangle
+from eaves.simulate.objects.houses import Masses, flat, gable, hip, make_building, plan_rectangle
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.superstructures"

@@ -2,7 +2,7 @@
 
 A building is right when nine tenths of its plan lie within 0.2 m of the true roof, and nine tenths of its
 outline within 1 m of the true one, and the other way round. Of row houses the whole row is looked at. Prints
-what stands in `eaves.figures.trust` beside what is learned on all towns, and keeps how often buildings of
+what stands in `eaves.figures.rows` beside what is learned on all towns, and keeps how often buildings of
 each class are right in a town that the weights were not learned on.
 """
 
@@ -23,10 +23,9 @@ from shapely import STRtree
 from benchmarks.accuracy.detection_fit import regression
 from benchmarks.accuracy.drawn_blocks import detached_house, large_building
 from benchmarks.table import as_markdown, keep
-from eaves.figures import trust
+from eaves.figures import rows as trust
 from eaves.formats.vectors.polygons import read_details
-from eaves.geometry.face_table import FaceTable
-from eaves.geometry.roof_fit import RoofFaces, fit_roof
+from eaves.geometry.face_table import FaceTable, RoofFaces, fit_roof
 from eaves.model import Mask, Values
 from eaves.model.cloud import UNCLASSIFIED
 from eaves.pipeline import build

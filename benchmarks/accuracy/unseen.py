@@ -23,19 +23,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.detection import TOWNS, TownScan, rates, scan_of, top_of_cells
-from benchmarks.survey_variants import (
-    PLACES,
-    VARIANTS,
-    Survey,
-    applies,
-    judged,
-    labelled_surveys,
-    survey_of,
-)
+from benchmarks.survey_variants import PLACES, VARIANTS, Survey, applies, judged, labelled_surveys, survey_of
 from benchmarks.table import commit_now, keep, kept_rows
 from eaves.flow.region import open_region
 from eaves.flow.run import no_progress, open_run
-from eaves.flow.steps import REGIONS
+from eaves.flow.step import REGIONS
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
 from eaves.pipeline import find_plans

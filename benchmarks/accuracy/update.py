@@ -28,8 +28,7 @@ from eaves.model.cloud import GRID_STEP
 from eaves.pipeline import build
 from eaves.run.store import Store
 from eaves.simulate import Survey, later_survey, simulate_epochs, write_simulation
-from eaves.upkeep.kept import open_again
-from eaves.upkeep.update import Updated, update
+from eaves.upkeep.update import Updated, open_again, update
 from eaves.upkeep.versions import lines_of
 
 SEED, AREA_KM2, DENSITIES = 9301, 0.5, (4.0, 5.0)
@@ -155,7 +154,7 @@ def reading_of(done: Updated) -> float:
     """Processor time (s) of reading: the new points, and the inputs whose classified copies are written anew
     with these."""
     seconds = done.seconds
-    return float(seconds.get("read", 0.0) + seconds.get("write classified", 0.0))
+    return float(seconds.get("points", 0.0) + seconds.get("write classified", 0.0))
 
 
 def shaken(las: laspy.LasData, noise: float = 0.003) -> laspy.LasData:

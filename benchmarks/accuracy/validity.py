@@ -29,8 +29,14 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
-from eaves.simulate.objects.houses import draw_church, draw_detached, draw_row, draw_tower, draw_town_house
-from eaves.simulate.objects.roofs import make_building
+from eaves.simulate.objects.houses import (
+    draw_church,
+    draw_detached,
+    draw_row,
+    draw_tower,
+    draw_town_house,
+    make_building,
+)
 from eaves.validate import validate_file
 
 COMMAND = "python -m benchmarks.accuracy.validity"

@@ -21,12 +21,7 @@ from scipy.optimize import minimize
 from scipy.stats import rankdata
 from shapely import LineString, Polygon, STRtree
 
-from benchmarks.accuracy.unit_weights import (
-    PLACEMENTS_M,
-    Detected,
-    divided_all,
-    placed_blocks,
-)
+from benchmarks.accuracy.unit_weights import PLACEMENTS_M, Detected, divided_all, placed_blocks
 from benchmarks.accuracy.units import footprints_in, map_row
 from benchmarks.table import keep
 from eaves.formats import read

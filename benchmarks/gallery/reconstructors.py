@@ -13,10 +13,10 @@ import numpy as np
 
 from benchmarks.accuracy.models import METHODS, delft
 from benchmarks.gallery.solids import FOLDER, draw_plan, save_small
-from eaves.geometry.roof_fit import fit_roof
+from eaves.geometry.face_table import fit_roof
 from eaves.model import BuildingModel
 from eaves.reconstruct import reconstruct_building
-from eaves.validate.fit_to_points import roof_faces
+from eaves.validate.files import roof_faces
 
 SHOWN = (20, 50, 75)
 """Places among the buildings of Delft in the order of their number of planes: few, some, many."""

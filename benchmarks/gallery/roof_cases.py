@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.accuracy.models import ply_points
 from benchmarks.accuracy.roof import delft_roofs, trondheim_roofs
-from eaves.geometry.roof_fit import roof_point_mask
+from eaves.geometry.face_table import roof_point_mask
 from eaves.model import Bounds, Points, RoofPlane
 from eaves.simulate import scan_town, simulate_town, town_of_model
 from eaves.simulate.objects.exact import ExactScene

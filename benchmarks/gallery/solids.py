@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from benchmarks.accuracy.models import Case, city3d, delft, town
-from eaves.geometry.roof_fit import fit_roof
+from eaves.geometry.face_table import fit_roof
 from eaves.model import BuildingModel, Values
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct import reconstruct_building
-from eaves.validate.fit_to_points import roof_faces
+from eaves.validate.files import roof_faces
 
 FOLDER = Path(__file__).parents[2] / "docs" / "gallery"
 

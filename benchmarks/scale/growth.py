@@ -29,7 +29,7 @@ CORNER = 2400.0, 4800.0
 """South-west corner (m) of every simulated town."""
 RESET = Path("/proc/self/clear_refs")
 """Writing 5 into it makes the peak memory the present one."""
-STAGES = ("read", "blocks", "buildings", "write", "report")
+STAGES = ("points", "regions", "buildings", "write", "report")
 Figures = dict[str, float]
 
 

@@ -42,7 +42,7 @@ from eaves.model import CoordinateSystem
 from eaves.pipeline import build
 from eaves.run.manifest import check_folder, read_manifest
 from eaves.run.memory import limit_memory
-from eaves.run.part_file import is_whole_part, load_part
+from eaves.run.store import is_whole_part, load_part
 from eaves.validate import validate_file
 
 ROOM = 1_500_000_000

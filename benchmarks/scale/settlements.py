@@ -25,8 +25,16 @@ from benchmarks.table import keep
 from eaves.model import Bounds
 from eaves.simulate import scan_town, write_simulation
 from eaves.simulate.objects.exact import Mass
-from eaves.simulate.objects.houses import Design, draw_town_house, lifted
-from eaves.simulate.objects.roofs import Masses, flat, gable, plan_rectangle, shed
+from eaves.simulate.objects.houses import (
+    Design,
+    Masses,
+    draw_town_house,
+    flat,
+    gable,
+    lifted,
+    plan_rectangle,
+    shed,
+)
 from eaves.simulate.objects.streets import Placement
 from eaves.simulate.objects.surfaces import Foliage, ScannedSurfaces, make_terrain
 from eaves.simulate.town import BuildingSite, Town

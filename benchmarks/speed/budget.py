@@ -45,7 +45,8 @@ TOWNS = {
 }
 """Millions of points, points a square metre, and whether its footprints are given."""
 STAGES = (
-    *("read", "wide", "ground", "rasters", "detect", "blocks, in and out"),
+    *("points", "floors", "large", "decks", "ground", "ground, in and out"),
+    *("rasters", "detect", "regions, in and out"),
     *("outline", "units", "roof", "reconstruct", "validate", "buildings, in and out"),
 )
 """As run.json names them; what writes files is summed up."""

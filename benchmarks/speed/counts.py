@@ -26,8 +26,8 @@ SOURCES = Path(__file__).parents[2] / "src/eaves"
 HANDLED: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any], Any], int]]] = {
     ("eaves.blocks.ground", "see_points"): ("read", lambda names, answer: len(answer[1])),
     ("eaves.run.points", "load_window"): ("read", lambda names, answer: len(answer.number)),
-    ("eaves.blocks.block_file", "points"): ("read", lambda names, answer: len(answer)),
-    ("eaves.blocks.block_file", "point_id"): ("read", lambda names, answer: len(answer)),
+    ("eaves.blocks.block", "points"): ("read", lambda names, answer: len(answer)),
+    ("eaves.blocks.block", "point_id"): ("read", lambda names, answer: len(answer)),
     ("eaves.model.cloud", "take"): (
         "copied",
         lambda names, answer: 0 if answer is names["self"] else len(answer),

@@ -31,9 +31,8 @@ from tests.report.browser import Browser
 from benchmarks.speed.operator_qgis import done_alike, kept_changes, steps
 from benchmarks.speed.operator_truth import LEAST_GAIN, UNKNOWN, Goal, Map, Marks, edge_moves, iou
 from benchmarks.table import as_markdown, keep
-from eaves.edit.actions import ActionError
+from eaves.edit.actions import ActionError, Session
 from eaves.edit.server import Desk, DeskHandler
-from eaves.edit.session import Session
 from eaves.report import open_server, read_contents
 
 VERDICTS = ("finer roof",)

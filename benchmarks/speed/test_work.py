@@ -20,7 +20,7 @@ from eaves import exports, pipeline
 from eaves.buildings import building_file
 from eaves.formats.points import laz
 from eaves.model import BuildingModel, Footprint
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 from eaves.validate import validate_model
 
 __all__ = ["nine_roofs", "nine_roofs_file"]  # fixtures of the tests

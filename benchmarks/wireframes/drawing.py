@@ -19,17 +19,10 @@ from eaves.exports.dxf import DECIMALS, turning_corners
 from eaves.formats.crs import describe_system
 from eaves.formats.models.cityjson_read import read_models
 from eaves.formats.whole_files import atomic
-from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.face_table import FaceTable
-from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import (
-    LOCAL_METRES,
-    BuildingModel,
-    Failure,
-    Integers,
-    Points,
-    Solid,
-)
+from eaves.geometry.inside import connected_groups_kernel, members
+from eaves.geometry.rings import COORDINATE_STEP
+from eaves.model import LOCAL_METRES, BuildingModel, Failure, Integers, Points, Solid
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.checks import check_positive
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from eaves.evaluate.matching import Agreement, ratio
 from eaves.evaluate.report import Evaluation
-from eaves.evaluate.scores import Agreement, ratio
 from eaves.formats import InputError
 from eaves.model import Points
 from eaves.model.checks import check_positive

@@ -2,8 +2,8 @@ from . import evaluate as evaluate
 from .blocks.block import BlockScenes as BlockScenes
 from .blocks.block import make_scenes as make_scenes
 from .blocks.ground import Surroundings as Surroundings
-from .buildings.block_roofs import draw_blocks as draw_blocks
-from .buildings.block_roofs import select_roof as select_roof
+from .buildings.gather import draw_blocks as draw_blocks
+from .buildings.gather import select_roof as select_roof
 from .buildings.one_block import complete_model as complete_model
 from .buildings.one_block import find_surroundings as find_surroundings
 from .buildings.one_block import gather_buildings as gather_buildings

@@ -79,9 +79,10 @@ class Kernel:
     def find(self, args: tuple[Any, ...]) -> Callable[..., Any]:
         """The compiled function for such arguments: the package's, if it has a fitting one, else numba's."""
         say_first_use()
-        entry = library().get(f"{self.name}({', '.join(map(sort_of, args))})")
-        if entry is not None and entry[0] == self.fingerprint:
-            return entry[1]
+        call = f"{self.name}({', '.join(map(sort_of, args))})"
+        for listed, (fingerprint, function) in library().items():
+            if listed.startswith(f"{self.name}(") and fits(call, listed) and fingerprint == self.fingerprint:
+                return function
         by_numba: Callable[..., Any] = self.dispatcher
         return by_numba
 
@@ -140,6 +141,13 @@ def sort_of(value: Any) -> str:
         kind = "" if type(value) is tuple else f"{type(value).__module__}.{type(value).__qualname__}"
         return f"{kind}({', '.join(map(sort_of, value))})"
     return SCALARS.get(type(value), type(value).__name__)
+
+
+def fits(call: str, listed: str) -> bool:
+    """True if the code of a listed call does for a call: what takes an array of any order, or an unaligned
+    one, takes the others."""
+    wider = re.sub(r"\\\[(\d)A(u?)\\\]", r"\\[\1[CFA]\2?\\]", re.escape(listed))
+    return re.fullmatch(wider, call) is not None
 
 
 @functools.cache

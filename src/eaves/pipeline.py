@@ -1,14 +1,14 @@
 """The flow from files to files. Read this file first.
 
 ```
-open_run ─→ read ─→ replace ─→ wide ─→ ground ─→ regions ─→ join ─→ buildings ─→ outputs ─→ report
-            points   by later   what is  blocks    blocks     across   outline,     files      page and
-            by block scans'     wide     with      rasters,   seams    roof planes,            pictures
-                                         buffer    regions             solids
+open_run ─→ points ─→ superseded, ─→ floors, ─→ ground ─→ regions ─→ join ─→ buildings ─→ outputs ─→ report
+            by block  thinned,       large,     blocks    blocks     across   outline,     files      page and
+                      sharpened:     decks      with      rasters,   seams    roof planes,            pictures
+                      which count               buffer    regions             solids
 ```
 
-Each step is a function of `flow/region.py` on one region. Those whose results are kept are declared in
-`flow/steps.py`: what is found by its key in the region's store is not computed (`flow/step.py`).
+Each step is a function of `flow/region.py` on one region. Those whose results are kept are declared in the
+table of `flow/step.py`: what is found by its key in the region's store is not computed.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 from weakref import finalize
 
-from eaves.buildings.building_file import SavedBuildings
 from eaves.flow.formats import noted_failure
 from eaves.flow.outputs import LateOutput, finished_models, page_of, write_outputs
 from eaves.flow.progress import bars
 from eaves.flow.refusals import edits_and_work
 from eaves.flow.region import (
+    Region,
     blocks_ahead,
     blocks_of,
     check_blocks,
@@ -44,24 +44,21 @@ from eaves.flow.region import (
 )
 from eaves.flow.results import ModelledBuildings, Results
 from eaves.flow.run import Progress, Run, look_at_scan, no_progress, open_run
-from eaves.flow.step import Region
 from eaves.flow.tiles import WHOLE, Area, areas, finish_area
 from eaves.formats.in_memory import as_point_files, as_polygon_file
 from eaves.formats.whole_files import clear_leftovers, report_full_disk
 from eaves.model import Block
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.recipe.recipe import Recipe
-from eaves.run.clock import Clock
-from eaves.run.keys import BUILDINGS
-from eaves.run.lock import lock_folder
-from eaves.run.manifest import end_manifest, set_aside
+from eaves.run.manifest import end_manifest, lock_folder, set_aside
+from eaves.run.memory import Clock
 from eaves.run.options import POLYGONS, RunOptions, list_options
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
-    from eaves.buildings.join import OwnedBuildings
-    from eaves.flow.classified_points import PointSink
+    from eaves.buildings.gather import OwnedBuildings
     from eaves.flow.corrected import CarriedEdits
+    from eaves.flow.formats import PointSink
 
 log = logging.getLogger("eaves")
 
@@ -244,8 +241,8 @@ def model_buildings(
         run = open_run(inputs, Path(folder) / "out", recipe, **options)
         with hold_folder(run) as workers:
             region = open_region(run, workers, no_progress)
-            models = list(finished_models(SavedBuildings(region.store), compute_buildings(region)))
-        buildings = ModelledBuildings(models, region.store.system, run.provenance)
+            models = list(finished_models(region.buildings, compute_buildings(region)))
+        buildings = ModelledBuildings(models, region.system, run.provenance)
         if region.failed:
             raise IncompleteRunError(region.failed, buildings)
         return buildings
@@ -328,7 +325,6 @@ def compute_buildings(region: Region) -> list[Block]:
         model_plans(region, plans)
         finish_area(region, area, plans)
     check_blocks(region)
-    region.store.evict_others(BUILDINGS, region.owners)
     return region.owners
 
 

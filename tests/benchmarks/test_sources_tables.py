@@ -9,8 +9,7 @@ from benchmarks.accuracy.sources import isprs_figures, kinds_of, pieces_of
 from benchmarks.accuracy.sources_tuning import parameters_of, table_of
 
 from eaves.evaluate.detection_scores import evaluate_detection
-from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import make_recipe, sources
 
 
 def test_buildings_are_counted_by_what_they_are_made_of() -> None:

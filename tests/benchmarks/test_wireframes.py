@@ -12,12 +12,7 @@ from benchmarks.wireframes.drawing import (
     without_straight_corners,
     write_obj_wireframe,
 )
-from benchmarks.wireframes.scores import (
-    Wireframe,
-    compare_wireframes,
-    evaluate_wireframe,
-    read_wireframe,
-)
+from benchmarks.wireframes.scores import Wireframe, compare_wireframes, evaluate_wireframe, read_wireframe
 
 from eaves.formats import InputError
 from eaves.simulate import nine_roofs_on_a_slope

@@ -14,7 +14,7 @@ from matplotlib.image import imread
 from eaves.cli import app as cli
 from eaves.formats.crs import parse_crs, system_of
 from eaves.simulate import ExactBuilding, ExactFace, ExactScene, nine_roofs_on_a_slope, write_simulation
-from eaves.simulate.objects.roofs import PITCH, sample_from_above
+from eaves.simulate.objects.houses import PITCH, sample_from_above
 from tests.conftest import build_files
 
 from ..report.browser import Browser, missing

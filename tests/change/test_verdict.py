@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from eaves.change.shift import fit_shift
 from eaves.change.surface import (
     GROUND_BELOW,
     HIDDEN,
@@ -12,6 +11,7 @@ from eaves.change.surface import (
     SAME,
     UNSEEN,
     face_points,
+    fit_shift,
     nearest_distances,
     point_planes,
 )

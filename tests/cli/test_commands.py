@@ -226,7 +226,7 @@ def test_points_without_buildings_give_valid_empty_outputs__and_a_reason_where_n
 
 def test_points_that_none_can_use_are_refused(tmp_path: Path) -> None:
     write_laz(tmp_path / "points.laz", np.zeros((50, 3)))
-    done = eaves("build", tmp_path / "points.laz", "-o", tmp_path / "out", "--jobs", "1")
+    done = eaves("build", tmp_path / "points.laz", "-o", tmp_path / "out", "--jobs", "1", "-q")
     assert done.returncode == 2
     assert "none of 50 points can be used" in one_line(done)
 
@@ -377,7 +377,7 @@ def test_only_the_outputs_asked_for_are_written_and_the_time_is_shown(
     assert there == OUTPUTS - unwanted
     assert "write rasters" in done.stderr and "write models" not in done.stderr
     kept = json.loads((out / "run.json").read_text("utf-8"))
-    assert set(kept["step_wall_seconds"]) == {"read", "blocks", "buildings", "write"}
+    assert set(kept["step_wall_seconds"]) == {"points", "regions", "buildings", "write"}
 
 
 @pytest.mark.parametrize(

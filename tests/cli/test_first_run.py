@@ -74,7 +74,7 @@ def test_first_run_says_that_it_compiles_and_foresees_nothing(
     clock = iter([0.0, 100.0, 101.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     remaining = progress.Remaining(compiling=True)
-    assert remaining.after("blocks", 1, 2) is None
+    assert remaining.after("regions", 1, 2) is None
     assert remaining.after("write", 1, 2) is not None
 
 
@@ -82,8 +82,8 @@ def test_nothing_is_foreseen_from_reading_alone(monkeypatch: pytest.MonkeyPatch)
     clock = iter([0.0, 10.0, 20.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     remaining = progress.Remaining()
-    assert remaining.after("read", 1, 1) is None
-    left = remaining.after("blocks", 1, 2)
+    assert remaining.after("points", 1, 1) is None
+    left = remaining.after("regions", 1, 2)
     assert left == pytest.approx(20.0 * (1 - 0.405) / 0.405)
 
 
@@ -91,7 +91,7 @@ def test_the_ground_alone_has_no_buildings_before_it(monkeypatch: pytest.MonkeyP
     clock = iter([0.0, 10.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     remaining = progress.Remaining(shares=progress.GROUND_SHARES)
-    assert remaining.after("blocks", 9, 9) == pytest.approx(10.0 * 0.18 / 0.82)
+    assert remaining.after("regions", 9, 9) == pytest.approx(10.0 * 0.18 / 0.82)
 
 
 def test_summary_of_a_build_counts_buildings() -> None:

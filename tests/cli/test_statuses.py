@@ -24,8 +24,8 @@ from tests.formats.test_transformation import PLACE as UTM
 
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
-from eaves.run.lock import lock_folder
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.run.manifest import lock_folder
+from eaves.simulate.objects.houses import ExactScene
 
 PAGE = (Path(__file__).parents[2] / "docs" / "errors.md").read_text(encoding="utf-8")
 TABLE = PAGE.split("| case | the line says | what to do | status |\n|---|---|---|---|\n")[1].split("\n\n")[0]

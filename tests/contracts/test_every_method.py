@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from eaves.methods import REGISTRY, method_class, methods_of, resolve_method
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 from eaves.testing import LAWS
 
 EVERY = [(stage, name) for stage in REGISTRY for name in methods_of(stage)]

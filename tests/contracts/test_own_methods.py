@@ -26,8 +26,9 @@ from tests.test_guides import write_methods
 
 import eaves
 from eaves.detect import Detector
+from eaves.flow.corrected import EDITED
 from eaves.flow.run import open_run
-from eaves.flow.steps import STEPS
+from eaves.flow.step import STEPS
 from eaves.formats import InputError
 from eaves.ground import GroundMethod
 from eaves.methods import ContractError, ignore, installed_methods, method_class, parameter
@@ -36,7 +37,7 @@ from eaves.roof import RoofMethod
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.testing import check_method
 from eaves.units.stage import Division
-from eaves.upkeep.kept import open_again
+from eaves.upkeep.update import open_again
 
 STAGES = {
     "ground": "LowestInCell",
@@ -399,7 +400,7 @@ def test_one_line_of_a_foreign_package_runs_its_step_and_those_that_follow_again
     opened = open_run(one_roof_file, tmp_path / "out", **options)
 
     def keys() -> dict[str, str]:
-        return {step.name: step.key(opened) for step in STEPS}
+        return {step.name: step.key(opened) for step in (*STEPS, EDITED)}
 
     before = keys()
     (folder / "rules.py").write_text("LEAST = 2.0\n")

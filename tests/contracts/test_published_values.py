@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from eaves.methods import REGISTRY, Method, method_class, methods_of, parameter
-from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import make_recipe, sources
 
 QUOTES: dict[tuple[str, str], str] = {
     ("planar_patches", "cell"): "the grid size is set to 1.5 m by 1.5 m",

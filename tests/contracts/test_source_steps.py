@@ -17,7 +17,7 @@ from eaves.ground import classify_ground
 from eaves.methods import resolve_method
 from eaves.model import PointCloud, Scene
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import sources
 
 STEPS = [(source.name, *step) for source in sources().values() for step in source.steps]
 NEEDS_DATA = pytest.mark.skipif("EAVES_DATA" not in os.environ, reason="EAVES_DATA names no folder of data")

@@ -9,11 +9,14 @@ import pytest
 
 from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.borders import source_side
-from eaves.detect.consensus.evidence import gather_evidence
-from eaves.detect.consensus.groups import without_pores
-from eaves.detect.consensus.segments import find_segments, inner_width
-from eaves.detect.consensus.windows import planes_kernel, window_sum
+from eaves.detect.consensus.evidence import (
+    find_segments,
+    gather_evidence,
+    inner_width,
+    planes_kernel,
+    window_sum,
+)
+from eaves.detect.consensus.groups import source_side, without_pores
 from eaves.detect.stage import OBJECT
 from eaves.geometry.planes import sums_of
 from eaves.model import PointCloud
@@ -186,7 +189,7 @@ def test_the_cut_is_the_least() -> None:
     rng = np.random.default_rng(4)
     for _ in range(20):
         gain, loss = rng.uniform(0, 3, (2, 6)).round(2)
-        one, two = np.array([0, 1, 2, 3, 4, 0]), np.array([1, 2, 3, 4, 5, 3])
+        one, two = np.array([[0, 1, 2, 3, 4, 0], [1, 2, 3, 4, 5, 3]], np.int32)
         price = rng.uniform(0, 2, 6).round(2)
         states = (np.arange(64)[:, None] >> np.arange(6)) & 1
         energy = (~states.astype(bool) * gain + states * loss).sum(axis=1)

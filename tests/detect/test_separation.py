@@ -12,7 +12,7 @@ import pytest
 from eaves.blocks.block import inputs_of_regions
 from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.measures import count_signs, learned, nothing, separate
+from eaves.detect.consensus.evidence import count_signs, learned, nothing, separate
 from eaves.model import Block, Scene
 from eaves.raster.surfaces import make_scene
 from eaves.recipe.recipe import make_recipe

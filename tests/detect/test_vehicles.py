@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.parts import find_vehicles
+from eaves.detect.consensus.groups import find_vehicles
 
 
 def top(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eaves.edit.session import Session
+from eaves.edit.actions import Session
 from eaves.pipeline import build
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 

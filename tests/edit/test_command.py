@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eaves.cli.app import make_app
-from eaves.edit.session import Session
+from eaves.edit.actions import Session
 
 
 def test_the_summary_says_which_reasons_led_to_edits(session: Session) -> None:

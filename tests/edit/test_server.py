@@ -13,9 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from eaves.edit.actions import TOOLS
+from eaves.edit.actions import TOOLS, Session
 from eaves.edit.server import LARGEST, Desk, DeskHandler
-from eaves.edit.session import Session
 from eaves.report import open_server
 
 

@@ -17,9 +17,8 @@ import shapely.affinity
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from eaves.edit.actions import OF_ROOF, TOOLS, ActionError
+from eaves.edit.actions import OF_ROOF, TOOLS, ActionError, Session
 from eaves.edit.review import summarise
-from eaves.edit.session import Session
 from eaves.flow import Edit, StatedFace, read_edits
 from eaves.flow.edits import write_edits
 from eaves.formats import InputError, read_polygons

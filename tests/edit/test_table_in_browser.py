@@ -15,8 +15,8 @@ import pytest
 import shapely
 from matplotlib.image import imread
 
+from eaves.edit.actions import Session
 from eaves.edit.server import Desk, DeskHandler
-from eaves.edit.session import Session
 from eaves.report import open_server
 from tests.report.browser import Browser, missing
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eaves.evaluate import evaluate_detection, label_objects
-from eaves.raster.agreement import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE, UNKNOWN
+from eaves.raster.grid import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE, UNKNOWN
 
 CELL = 0.5
 

@@ -10,8 +10,7 @@ import pytest
 import shapely
 
 from eaves.evaluate import evaluate_models
-from eaves.evaluate.city import CityBuilding, read_buildings
-from eaves.evaluate.models import lay_points
+from eaves.evaluate.models import CityBuilding, lay_points, read_buildings
 from eaves.formats import write_cityjson
 from eaves.geometry.face_table import FaceTable
 from eaves.simulate import nine_roofs_on_a_slope

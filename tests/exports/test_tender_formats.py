@@ -20,12 +20,7 @@ from shapely import Polygon
 
 from eaves.exports import write_citygml, write_dxf, write_lod_layers
 from eaves.exports.citygml import CITYGML_2, CITYGML_3, Version
-from eaves.formats import (
-    read_cityjson,
-    write_cityjson,
-    write_cityjson_seq,
-    write_geoparquet,
-)
+from eaves.formats import read_cityjson, write_cityjson, write_cityjson_seq, write_geoparquet
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint

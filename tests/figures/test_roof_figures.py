@@ -7,14 +7,20 @@ import pytest
 import shapely
 
 from eaves import reconstruct_building, segment_roof
-from eaves.figures.attributes import grade_faces, supported_share
-from eaves.figures.roof_figures import ridge_direction, roof_figures, roof_type, storey_figures
-from eaves.figures.trust import judge
+from eaves.figures.attributes import (
+    grade_faces,
+    ridge_direction,
+    roof_figures,
+    roof_type,
+    storey_figures,
+    supported_share,
+)
+from eaves.figures.rows import judge
 from eaves.geometry.face_table import FaceTable
 from eaves.model import BuildingModel, Footprint
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.simulate.objects.exact import ExactBuilding
-from eaves.simulate.objects.roofs import (
+from eaves.simulate.objects.houses import (
     Masses,
     chimney,
     flat,

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from eaves.figures.trust import judge
+from eaves.figures.rows import judge
 
 SOUND: dict[str, Any] = {"lod": "2.2", "area_m2": 100.0, "inlier_share": 1.0, "share_no_data": 0.0}
 

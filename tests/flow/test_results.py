@@ -165,7 +165,7 @@ def test_a_folder_without_a_run_and_polygons_that_are_none_are_refused(tmp_path:
 def test_progress_is_bars_or_a_function(tile: Path, capsys: pytest.CaptureFixture[str]) -> None:
     steps: list[str] = []
     eaves.find_buildings(tile, crs=SYSTEM, progress=lambda step, done, total: steps.append(step))
-    assert {"read", "blocks", "buildings", "write"} <= set(steps)
+    assert {"points", "regions", "buildings", "write"} <= set(steps)
     eaves.find_buildings(tile, crs=SYSTEM, progress=True)
     assert "buildings" in capsys.readouterr().err
 

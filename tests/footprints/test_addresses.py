@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from shapely import Polygon, box
 
-from eaves.buildings.join import BuildingPlan, OwnedBuildings, with_addresses
+from eaves.buildings.gather import BuildingPlan, OwnedBuildings, with_addresses
 from eaves.footprints.addresses import divide_buildings
 from eaves.methods import Emit, ignore
 from eaves.model import Block, Failure, Footprint, Points, Raster, Values

@@ -19,7 +19,7 @@ from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.vectors.geopackage import Row, append_rows, write_polygons
 from eaves.model import CoordinateSystem
 from eaves.pipeline import build
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 
 DUTCH = system_of(parse_crs("EPSG:28992"), "test", (85000.0, 447000.0))
 CORNER = np.array([84960.0, 447120.0])

@@ -20,7 +20,7 @@ from eaves.formats.models.cityjson import SURFACES, WKT_MEMBER
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 from eaves.validate import validate_file
 
 ORIGIN = (84960.0, 447120.0)
@@ -118,7 +118,7 @@ def test_a_building_and_its_parts_are_a_family(tmp_path: Path, name: str) -> Non
     assert [geometry.lod for geometry in objects["b"].geometries] == ["0", "1.2"]
     assert objects["b"].attributes == {"score": 0.75, "h_ground": -1.5, "floors": 2, "noise": None}
     (flat,) = objects["b"].lod("0")
-    ((face,),) = flat.solids[0]
+    (face,) = flat.faces
     assert not flat.is_solid and [len(ring) for ring in face.rings] == [4, 4]
     assert np.allclose(objects["b"].vertices[list(face.rings[0]), 2], -1.5)
 

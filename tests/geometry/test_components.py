@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.inside import connected_groups_kernel
 
 
 @pytest.mark.parametrize("edges", [0, 1, 30, 60, 200])

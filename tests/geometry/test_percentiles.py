@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.geometry.percentiles import column_percentiles, group_percentiles, median, quantile
+from eaves.geometry.planes import column_percentiles, group_percentiles, median, quantile
 
 
 @pytest.mark.parametrize("percent", [0.0, 1.0, 50.0, 70.0, 99.0, 100.0])

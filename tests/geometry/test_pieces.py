@@ -3,7 +3,7 @@
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.pieces import owned_by_neighbours
+from eaves.geometry.rings import owned_by_neighbours
 
 
 def test_a_sliver_goes_along_its_side__not_across_its_tip() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eaves.evaluate.ground_scores import evaluate_ground
+from eaves.evaluate.matching import evaluate_ground
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.model import Bounds, Mask, PointCloud

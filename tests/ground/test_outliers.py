@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eaves.ground import classify_ground
-from eaves.ground.toolkit.outliers import find_outliers
+from eaves.ground.toolkit.seeds import find_outliers
 from eaves.model import PointCloud, Points
 from eaves.simulate import nine_roofs_on_a_slope
 

@@ -15,24 +15,24 @@ import pytest
 
 import eaves
 from eaves.buildings.building_file import found_buildings
-from eaves.flow.corrected import correct, outlines_in
+from eaves.flow.corrected import EDITED, correct, outlines_in
 from eaves.flow.edits import FLAT_ROOF, Edit
-from eaves.flow.region import ensure_points, open_region
+from eaves.flow.region import Region, ensure_points, open_region
 from eaves.flow.run import Run, no_progress, open_run
-from eaves.flow.step import Input, Region, Step, ensure, square_of
-from eaves.flow.steps import SHOWN, SIGNS, STEPS
+from eaves.flow.step import SHOWN, SIGNS, STEPS, Input, Step, ensure, square_of
 from eaves.methods import REGISTRY, methods_of, resolve_method
 from eaves.model import Block
 from eaves.pipeline import build_run, compute_buildings, end_run, hold_folder
 from eaves.reconstruct.overhangs import OverhangRules
 from eaves.run import keys
 from eaves.run.keys import modules_of, path_of_method
-from eaves.run.part_file import PartFile
+from eaves.run.store import PartFile
 from eaves.run.workers import Outcome, Workers
 
 PACKAGE = Path(eaves.__file__).parent
 SIDE = 60.0
-by_name = pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)
+ALL_STEPS = (*STEPS, EDITED)
+by_name = pytest.mark.parametrize("step", ALL_STEPS, ids=lambda step: step.name)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def tree(tmp_path: Path) -> Path:
 def keys_in(tree: Path, run: Run) -> dict[str, str]:
     """Step → its key with the code of a tree."""
     keys.kept_digest.cache_clear()
-    return {step.name: step.key(run, tree) for step in STEPS}
+    return {step.name: step.key(run, tree) for step in ALL_STEPS}
 
 
 def add_line(file: Path) -> None:
@@ -74,7 +74,7 @@ def test_a_line_of_its_code_changes_the_key_of_a_step_and_of_those_that_run_it(
     before, module = keys_in(tree, kept), step.run.__module__
     file = "/".join(module.split(".")[1:]) + ".py"
     add_line(tree / file)
-    runs_it = {one.name for one in STEPS if covers(one.code, file)}
+    runs_it = {one.name for one in ALL_STEPS if covers(one.code, file)}
     assert changed(before, keys_in(tree, kept)) == runs_it
     assert step.name in runs_it
 
@@ -83,8 +83,8 @@ def test_a_line_of_its_code_changes_the_key_of_a_step_and_of_those_that_run_it(
     "file",
     [
         *("formats/qgis/symbols.py", "formats/columns.py", "formats/vectors/geopackage.py"),
-        *("formats/models/cityjson.py", "exports/glb.py", "report/pictures.py", "report/page_file.py"),
-        *("cli/compute.py", "flow/outputs.py", "pipeline.py", "published/ren_fcs/ground.py"),
+        *("formats/models/cityjson.py", "exports/glb.py", "report/pictures.py", "report/output.py"),
+        *("cli/app.py", "flow/outputs.py", "pipeline.py", "published/ren_fcs/ground.py"),
     ],
 )
 def test_a_line_in_a_writer_a_style_a_picture_or_a_command_changes_no_key(
@@ -168,7 +168,7 @@ STEP_OF = {"ground": "ground", "detect": "regions"}
 )
 def test_a_method_runs_no_code_but_its_own_and_what_its_step_declares(stage: str, name: str) -> None:
     method = resolve_method(stage, name)
-    step = next(one for one in STEPS if one.name == STEP_OF.get(stage, "buildings"))
+    step = next(one for one in ALL_STEPS if one.name == STEP_OF.get(stage, "buildings"))
     modules = {one for one in modules_of(method) if one in MODULES}
     own = [path_of_method(module) for module in modules]
     assert outside(modules, [*step.code, *own]) == []
@@ -219,7 +219,7 @@ CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
     "a number of the ground filter": (with_method("ground", angle=9.0), {"large", "ground"}),
     "a number of the detector": (with_method("detect", min_height=2.1), {"signs", "regions"}),
     "the outline": (with_recipe(outline=eaves.AlphaShape()), {"buildings"}),
-    "the units": (with_recipe(units=None), {"buildings"}),
+    "the units, which want intensities": (with_recipe(units=None), {"points", "buildings"}),
     "the roof": (with_recipe(roof=eaves.RegionGrowing()), {"buildings", "edited"}),
     "the reconstruction": (with_recipe(reconstruct=eaves.Prism()), {"buildings", "edited"}),
     "the level": (with_recipe(lod="1.2"), {"buildings", "edited"}),
@@ -246,7 +246,7 @@ CHANGES: dict[str, tuple[Callable[[Run], Run], set[str]]] = {
 def test_a_parameter_changes_the_keys_of_the_steps_that_read_it_alone(name: str, kept: Run) -> None:
     change, expected = CHANGES[name]
     other = change(kept)
-    assert {step.name for step in STEPS if step.key(kept) != step.key(other)} == expected
+    assert {step.name for step in ALL_STEPS if step.key(kept) != step.key(other)} == expected
 
 
 @by_name
@@ -311,7 +311,7 @@ def test_nothing_changed_nothing_is_computed(again: Again) -> None:
     assert again.computed(again.opened()) == {}
 
 
-INPUTS = [(step, one) for step in STEPS[3:] for one in step.takes if SIGNS not in (step, one.source)]
+INPUTS = [(step, one) for step in ALL_STEPS[4:] for one in step.takes if SIGNS not in (step, one.source)]
 """Points of later scans, of dense and of smoothed ones, and colours have tests of their own (change, run,
 raster, detect)."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shapely
 from shapely import Polygon, box
 
-from eaves.outline.toolkit.shared_edges import share_edges
+from eaves.geometry.rings import share_edges
 
 
 def gap_and_overlap(polygons: list[Polygon]) -> tuple[float, float]:

@@ -17,8 +17,7 @@ from eaves.published.maas_vosselman.height_texture import HeightTexture, local_t
 from eaves.published.ren_fcs.detection import Contours, quadratic_gradient, sobel_height
 from eaves.published.roof_attributes.detection import RoofAttributes, micro_normals, roughness
 from eaves.published.xiao2014.normal_echo import NormalEcho
-from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import make_recipe, sources
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 EVERY: list[type[Detector]] = [Contours, RoofAttributes, HeightTexture, NormalEcho]

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eaves.evaluate.ground_scores import evaluate_ground
-from eaves.geometry.planes import local_planes
-from eaves.geometry.smooth_surfaces import grow_regions
+from eaves.evaluate.matching import evaluate_ground
+from eaves.geometry.planes import grow_regions, local_planes
 from eaves.ground import GroundMethod, classify_ground
 from eaves.model import Bounds, Mask, PointCloud, Raster
 from eaves.published.ren_fcs.ground import ContourGround

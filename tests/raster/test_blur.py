@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from eaves.blocks.sharpened import MARGIN, Smoothed, find_sharpened
+from eaves.blocks.points import SHARPENED_MARGIN as MARGIN
+from eaves.blocks.points import Smoothed, find_sharpened
 from eaves.raster.blur import measure_blur, measure_roughness, without_blur
 
 

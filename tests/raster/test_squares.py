@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from eaves.raster import groups
+from eaves.raster import blur as groups
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 9])

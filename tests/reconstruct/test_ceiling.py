@@ -11,7 +11,7 @@ from benchmarks.accuracy.over_returns import rise
 from benchmarks.accuracy.unshown_houses import GROUND, PARTS, ROOFS, draw_house
 
 from eaves import RoofPlane, reconstruct_building, segment_roof
-from eaves.figures.trust import judge
+from eaves.figures.rows import judge
 from eaves.geometry.face_table import FaceTable
 from eaves.methods import methods_of
 from eaves.model import ROOF_SURFACE, BuildingModel, Footprint, Points

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.inside import connected_groups_kernel
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.cell_labels import Borders, border_kernel, label_nodes, plane_reach
 

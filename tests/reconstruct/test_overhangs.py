@@ -18,7 +18,7 @@ from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SUR
 from eaves.reconstruct import add_overhangs
 from eaves.reconstruct.overhangs import edges_inward
 from eaves.simulate import scan_town, simulate_town, write_simulation
-from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, shifted_masses, wing
+from eaves.simulate.objects.houses import Masses, flat, gable, hip, make_building, shifted_masses, wing
 from eaves.solids.undersides import RoofPlan, build_overhanging, walls_inside
 
 THICK = 0.25

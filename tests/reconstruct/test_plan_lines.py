@@ -9,7 +9,7 @@ import pytest
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.reconstruct.toolkit.plan_lines import (
     MOST_TOGETHER,
     Line,

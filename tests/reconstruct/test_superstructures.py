@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.evaluate.city import read_buildings
+from eaves.evaluate.models import read_buildings
 from eaves.figures.attributes import surface_heights
 from eaves.formats import write_cityjson
 from eaves.model import BuildingModel, Footprint, Installation, Solid
@@ -17,7 +17,7 @@ from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.superstructures import join_overlapping, stand_bodies
 from eaves.roof import segment_roof
-from eaves.simulate.objects.roofs import Masses, chimney, gable, make_building
+from eaves.simulate.objects.houses import Masses, chimney, gable, make_building
 from eaves.validate import validate_file, validate_model
 from tests.formats.cityjson_schema import schema_defects
 

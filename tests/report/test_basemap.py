@@ -18,8 +18,8 @@ from rasterio.transform import Affine
 from eaves.formats.crs import parse_crs, system_of
 from eaves.model import Bounds
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.report import basemap
-from eaves.report.basemap import BEYOND, WORLD_RADIUS, fit_web_mercator, read_basemap
+from eaves.report import contents as basemap
+from eaves.report.contents import BEYOND, WORLD_RADIUS, fit_web_mercator, read_basemap
 
 PLACE = Bounds(84960.0, 447120.0, 85200.0, 447300.0)
 DUTCH = system_of(parse_crs("EPSG:28992"), "test", (PLACE.west, PLACE.south))

@@ -15,7 +15,7 @@ import eaves
 from eaves.formats.crs import parse_crs, system_of
 from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Scene
 from eaves.report.pictures import cloud_picture, picture_of, png_bytes, raster_picture
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 
 SVG = "{http://www.w3.org/2000/svg}"
 

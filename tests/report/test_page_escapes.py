@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from eaves.report.page_file import as_json
+from eaves.report.output import as_json
 
 
 @pytest.mark.parametrize("name", ["<!--<script>", "</script>", "<SCRIPT", "a\u2028b", "]]>", "<!--"])

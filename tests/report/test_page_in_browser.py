@@ -21,9 +21,8 @@ from pyproj import Transformer
 
 from eaves.model.summary import Summary
 from eaves.pipeline import build
-from eaves.report.contents import Contents, read_contents
-from eaves.report.page_file import iter_page
-from eaves.report.surfaces import CityFace, CityFaces
+from eaves.report.contents import CityFace, CityFaces, Contents, read_contents
+from eaves.report.output import iter_page
 from eaves.report.view import render_beside
 from eaves.simulate import scan_town, simulate_town, write_simulation
 

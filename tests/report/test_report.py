@@ -18,10 +18,9 @@ from eaves.formats import Format, InputError
 from eaves.model.summary import IncompleteRunError, Summary
 from eaves.pipeline import build
 from eaves.report import output, sample
-from eaves.report.contents import read_contents
-from eaves.report.page_file import iter_arrays, iter_page
+from eaves.report.contents import SURFACES, UNKNOWN_ERROR, read_contents
+from eaves.report.output import iter_arrays, iter_page
 from eaves.report.sample import PointSample
-from eaves.report.surfaces import SURFACES, UNKNOWN_ERROR
 from eaves.report.view import open_report
 
 from ..conftest import build_in_blocks, write_laz
@@ -183,7 +182,7 @@ def test_an_output_that_fails_costs_no_other(tmp_path: Path, monkeypatch: pytest
     def fail(*words: object) -> None:
         raise ZeroDivisionError("by nought")
 
-    monkeypatch.setattr("eaves.flow.rasters.write_surfaces", fail)
+    monkeypatch.setattr("eaves.flow.outputs.write_surfaces", fail)
     with pytest.raises(IncompleteRunError, match="rasters: not written"):
         build(sorted_ground(tmp_path / "ground.laz"), tmp_path / "out", jobs=1)
     assert (tmp_path / "out" / "footprints.gpkg").exists()

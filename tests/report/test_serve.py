@@ -19,10 +19,18 @@ import shapely
 
 from eaves.model.summary import Summary
 from eaves.report.contents import read_contents
-from eaves.report.page_file import iter_arrays, packed_array
+from eaves.report.output import iter_arrays, packed_array
 from eaves.report.sample import Sample
-from eaves.report.serve import Server, open_server
-from eaves.report.site import SQUARE, box_heights, open_site, split_points, squares_of, write_site
+from eaves.report.view import (
+    SQUARE,
+    Server,
+    box_heights,
+    open_server,
+    open_site,
+    split_points,
+    squares_of,
+    write_site,
+)
 
 from .browser import Browser, missing
 

@@ -8,7 +8,7 @@ import pytest
 from eaves.roof import segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.roof.region_growing import RegionGrowing
-from eaves.simulate.objects.roofs import nine_roofs_on_a_slope
+from eaves.simulate.objects.houses import nine_roofs_on_a_slope
 
 
 def dormered_gable(count: int, noise: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from tests.conftest import build_files, write_laz
 
 from eaves.formats import read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 
 
 def table(folder: Path) -> dict[str, tuple[str, float]]:

@@ -9,14 +9,10 @@ import pytest
 import shapely
 
 from eaves.buildings import building_file
-from eaves.buildings.building_file import (
-    SavedBuilding,
-    building_arrays,
-    saved_buildings,
-)
+from eaves.buildings.building_file import SavedBuilding, building_arrays, saved_buildings
 from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingResult
-from eaves.run.part_file import load_part, save_part
+from eaves.run.store import load_part, save_part
 
 
 def some_results() -> list[BuildingResult]:

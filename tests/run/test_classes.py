@@ -12,7 +12,7 @@ from tests.conftest import build_files
 from eaves.model import PointCloud
 from eaves.recipe.recipe import make_recipe
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
-from eaves.surroundings.vegetation import VegetationRules, vegetation_classes
+from eaves.surroundings.wires import VegetationRules, vegetation_classes
 
 
 def classes_of(folder: Path) -> np.ndarray:

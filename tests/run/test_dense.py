@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.conftest import build_files, build_in_blocks
 
-from eaves.blocks.thinned import ENOUGH_PER_M2, SIDE, find_thinned
+from eaves.blocks.points import ENOUGH_PER_M2, SIDE, find_thinned
 from eaves.model import GRID_STEP, Block
 from eaves.model.cloud import canonical_order
 from eaves.run.store import RECORD

@@ -18,23 +18,15 @@ from eaves.blocks.block_file import BlockFile, block_arrays
 from eaves.blocks.ground import Surroundings
 from eaves.detect.stage import OBJECT
 from eaves.figures.rows import BuildingRow
-from eaves.flow.review import (
-    LAYER,
-    describe_doubts,
-    distinct_doubts,
-    doubt_row,
-    face_doubts,
-    objects_remark,
-)
+from eaves.flow.results import LAYER, describe_doubts, distinct_doubts, doubt_row, face_doubts, objects_remark
 from eaves.formats.vectors.polygons import read_polygons
 from eaves.ground import classify_ground
 from eaves.model import Block
-from eaves.model.doubt import Doubt
+from eaves.model.scene import Doubt
 from eaves.model.summary import Summary
 from eaves.recipe.recipe import make_recipe
 from eaves.report.view import describe_run
-from eaves.run.part_file import save_part
-from eaves.run.store import Store
+from eaves.run.store import Store, save_part
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 build = partial(build_in_blocks, 60.0)

@@ -18,8 +18,7 @@ from eaves.flow import run
 from eaves.flow.formats import classified_name
 from eaves.flow.run import open_run
 from eaves.formats import InputError
-from eaves.run.lock import LOCK, lock_folder
-from eaves.run.manifest import MANIFEST, check_folder, end_manifest, read_manifest
+from eaves.run.manifest import LOCK, MANIFEST, check_folder, end_manifest, lock_folder, read_manifest
 
 
 def test_a_folder_that_a_run_holds_is_refused__and_freed_by_its_end(tmp_path: Path) -> None:
@@ -39,7 +38,7 @@ HOLD = """
 import sys, time
 from pathlib import Path
 from eaves.formats import InputError
-from eaves.run.lock import lock_folder
+from eaves.run.manifest import lock_folder
 try:
     with lock_folder(Path(sys.argv[1])):
         print("mine", flush=True)
@@ -152,7 +151,7 @@ def test_a_manifest_never_leads_out_of_its_folder(tmp_path: Path) -> None:
         assert other.read_text() == "keep"
 
 
-@pytest.mark.parametrize("moment", ["read", "blocks", "write"])
+@pytest.mark.parametrize("moment", ["points", "regions", "write"])
 def test_an_input_that_changes_during_the_run_ends_it(
     one_roof_file: Path, tmp_path: Path, moment: str
 ) -> None:

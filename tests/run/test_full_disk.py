@@ -19,7 +19,7 @@ from tests.run.test_long_buildings import features
 from eaves.flow import outputs
 from eaves.formats import InputError
 from eaves.formats.whole_files import DiskFullError
-from eaves.run import partition
+from eaves.run import points as partition
 from eaves.run.manifest import read_facts
 from eaves.run.store import Store
 

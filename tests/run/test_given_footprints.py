@@ -19,7 +19,7 @@ from eaves.formats import InputError
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
 from eaves.run.manifest import check_folder
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 from eaves.validate import validate_file
 
 build = partial(build_in_blocks, 60.0)

@@ -12,7 +12,7 @@ from tests.conftest import build_files
 
 from eaves.model import Block
 from eaves.run.manifest import check_folder
-from eaves.run.partition import find_isolated_blocks
+from eaves.run.points import find_isolated_blocks
 from eaves.run.store import RECORD, Store
 
 SIDE = 60.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from eaves.buildings.join import Seam, assign_footprints, join_regions
+from eaves.buildings.gather import Seam, assign_footprints, join_regions
 from eaves.model import Block, Footprint
 
 WEST, EAST, FAR = Block(0, 0), Block(1, 0), Block(5, 5)

@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import write_laz
 
 from eaves.pipeline import build
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 
 judges = pytest.importorskip("benchmarks.accuracy.judges")
 pytestmark = pytest.mark.usefixtures("cjio")  # which the judges import

@@ -11,7 +11,8 @@ import shapely
 
 from eaves import pipeline
 from eaves.buildings import owned
-from eaves.flow.steps import STEPS
+from eaves.flow.corrected import EDITED
+from eaves.flow.step import STEPS
 from eaves.formats import InputError
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import key_of
@@ -28,8 +29,8 @@ FOLLOWING = {
 
 
 def test_every_parameter_is_read_by_a_step() -> None:
-    read = {FOLLOWING.get(name, name) for step in STEPS for name in step.reads}
-    of_run = {"generations", "snap_footprints", "blur", "classes_only"}
+    read = {FOLLOWING.get(name, name) for step in (*STEPS, EDITED) for name in step.reads}
+    of_run = {"generations", "snap_footprints", "blur", "classes_only", "side", "window", "fields"}
     assert {field.name for field in fields(Recipe)} == read - of_run
 
 

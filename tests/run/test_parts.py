@@ -18,7 +18,7 @@ import shapely
 from tests.conftest import build_in_blocks
 
 from eaves.model import Failure, Footprint
-from eaves.run.part_file import PartFile, is_whole_part, pack, save_part, unpack
+from eaves.run.store import PartFile, is_whole_part, pack, save_part, unpack
 
 build = partial(build_in_blocks, 60.0)
 
@@ -112,7 +112,7 @@ def cut(path: Path) -> None:
     ("what", "damage"),
     [
         ("points/*/*.bin", cut),
-        ("parts/*.part", cut),
+        ("points/*.part", cut),
         ("regions/*.part", lambda path: path.write_bytes(b"")),
         ("buildings/*.part", cut),
         ("regions/*.key", cut),
@@ -128,7 +128,7 @@ def test_a_damaged_part_is_named_and_computed_again(
 ) -> None:
     out = tmp_path / "out"
     shutil.copytree(kept, out)
-    for step in ("parts", "regions", "buildings"):  # as a writer that was killed leaves them
+    for step in ("points", "regions", "buildings"):  # as a writer that was killed leaves them
         (out / ".eaves-work" / step / ".0_0.part.half").mkdir()
         (out / ".eaves-work" / step / ".0_0.part.half" / "0_0.part").touch()
     broken = next((out / ".eaves-work").glob(what))
@@ -149,7 +149,7 @@ def kept(one_roof_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_field_of_ids_and_the_files_beside_a_shapefile_are_part_of_the_plan(tmp_path: Path) -> None:
-    from eaves.flow.run import hash_of
+    from eaves.flow.refusals import hash_of
 
     for suffix in (".shp", ".dbf", ".prj", ".txt"):
         (tmp_path / f"a{suffix}").write_text("1")

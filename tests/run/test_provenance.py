@@ -15,7 +15,7 @@ from tests.conftest import build_files
 
 from eaves.flow.formats import places_of_formats
 from eaves.formats.crs_check import vertical_datum
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model.coordinates import NOTHING_KNOWN, Provenance
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 

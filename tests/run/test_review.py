@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 import shapely
 
-from eaves.figures.rows import BuildingRow
-from eaves.figures.trust import HIGH, LOW, judge
-from eaves.flow.review import review_rows, write_review
+from eaves.figures.rows import HIGH, LOW, BuildingRow, judge
+from eaves.flow.results import review_rows, write_review
 from eaves.formats.vectors.geopackage import Row
 from eaves.model.coordinates import LOCAL_METRES
 

@@ -17,8 +17,7 @@ from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
 from eaves.methods import DEFAULTS, method_class
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.recipe import make_recipe
-from eaves.recipe.sources import sources
+from eaves.recipe.recipe import make_recipe, sources
 from eaves.simulate import nine_roofs_on_a_slope
 
 BIBLIOGRAPHY = (Path(__file__).parents[2] / "references.bib").read_text(encoding="utf-8")

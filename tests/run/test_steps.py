@@ -18,8 +18,8 @@ from eaves.outline.alpha_shape import AlphaShape
 from eaves.raster.contours import Contour
 from eaves.raster.grid import empty_raster
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import sources
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.recipe.recipe import sources
+from eaves.simulate.objects.houses import ExactScene
 
 FIRST = {
     "chen_sun": "detect_DTM detect_patches",

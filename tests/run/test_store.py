@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from eaves.formats import Chunk
 from eaves.model import Block, Bounds, PointCloud
-from eaves.run.partition import SliceWriter, Window, partition_chunk
-from eaves.run.points import load_window
+from eaves.run.points import FileSlice, SliceWriter, Window, load_window, partition_chunk
 from eaves.run.store import Store
 
 
@@ -24,7 +25,7 @@ def test_a_window_has_its_points_in_canonical_order(tmp_path: Path, side: float,
     store = Store(tmp_path, has_returns=False, has_classes=False)
     store.prepare()
     for number, some in enumerate(np.array_split(np.arange(len(world)), files)):
-        writer = SliceWriter(store, f"{number:07d}-0000")
+        writer = SliceWriter(store, cast(FileSlice, SimpleNamespace(name=f"{number:07d}-0000")))
         for piece in np.array_split(some, 2):
             chunk = Chunk(world[piece], piece - some[0])
             partition_chunk(chunk, int(some[0]), side, Window(), writer)

@@ -19,12 +19,12 @@ from eaves import pipeline
 from eaves.buildings.building_file import SavedBuildings
 from eaves.flow.corrected import correct, outlines_in
 from eaves.flow.edits import FLAT_ROOF, NO_BUILDING, Edit
-from eaves.flow.step import Region
+from eaves.flow.region import Region
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, CoordinateSystem
 from eaves.model.summary import IncompleteRunError
 from eaves.run.manifest import check_folder, read_facts
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 from eaves.upkeep.update import update
 
 SIDE = 60.0

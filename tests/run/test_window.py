@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import laspy
 import numpy as np
@@ -16,9 +17,9 @@ from eaves.formats import iter_chunks, open_source
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Bounds, CoordinateSystem
 from eaves.run.index import index_inputs
-from eaves.run.partition import Window, file_slices, partition_slice
+from eaves.run.points import SliceWriter, Window, file_slices, read_slice
 from eaves.run.store import Store
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 
 SIDE = 30.0
 BORDER = 13.0
@@ -58,7 +59,8 @@ def test_only_points_in_the_window_are_scattered(
     window, store = windows[name], Store(tmp_path)
     store.prepare()
     for part in file_slices(index_inputs([inputs[kind]], None, [])):
-        assert partition_slice((part, ""), store, SIDE, window)[0].unread is None
+        reading = SimpleNamespace(side=SIDE, window=window, fields=())
+        assert read_slice(part, SliceWriter(store, part), reading).unread is None
     found = [store.read_points(block)["point_id"] for block in store.blocks(SIDE)]
     wanted = []
     for chunk in iter_chunks(open_source(inputs[kind])):

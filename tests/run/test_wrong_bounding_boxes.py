@@ -13,7 +13,7 @@ from tests.conftest import build_in_blocks, write_laz
 
 from eaves.flow.tiles import plan_tiles
 from eaves.run.index import index_inputs
-from eaves.simulate.objects.roofs import ExactScene
+from eaves.simulate.objects.houses import ExactScene
 
 build = partial(build_in_blocks, 60.0)
 

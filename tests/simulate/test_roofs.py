@@ -11,7 +11,7 @@ import shapely
 
 from eaves.model import Solid
 from eaves.simulate.objects.exact import Mass, roof_partition
-from eaves.simulate.objects.roofs import (
+from eaves.simulate.objects.houses import (
     chimney,
     flat,
     flat_dormer,

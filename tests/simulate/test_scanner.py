@@ -9,16 +9,9 @@ import pytest
 import shapely
 
 from eaves.model import Bounds
-from eaves.simulate import (
-    DEVELOPMENT_SCENES,
-    JUDGING_SCENES,
-    Flight,
-    Scanner,
-    scan_town,
-    simulate_town,
-)
+from eaves.simulate import DEVELOPMENT_SCENES, JUDGING_SCENES, Flight, Scanner, scan_town, simulate_town
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
-from eaves.simulate.objects.roofs import gable, make_building, shifted_masses
+from eaves.simulate.objects.houses import gable, make_building, shifted_masses
 from eaves.simulate.objects.surfaces import (
     BLOCK,
     MARGIN,

@@ -24,8 +24,9 @@ from eaves.simulate.objects.houses import (
     draw_slab,
     draw_tower,
     draw_town_house,
+    make_building,
+    shifted_masses,
 )
-from eaves.simulate.objects.roofs import make_building, shifted_masses
 from eaves.simulate.objects.surfaces import Corridor, cut_corridor, make_terrain
 from eaves.simulate.town import Town
 from eaves.validate import validate_model

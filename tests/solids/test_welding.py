@@ -9,7 +9,7 @@ from shapely import affinity
 
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
-from eaves.simulate.objects.roofs import gable, make_building, wing
+from eaves.simulate.objects.houses import gable, make_building, wing
 from eaves.solids.coverage import NARROWEST_NECK
 from eaves.solids.cutting import arrange
 from eaves.validate.models import validate_model

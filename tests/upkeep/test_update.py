@@ -16,21 +16,19 @@ import pytest
 import shapely
 from pyproj import CRS
 
-from eaves.blocks.superseded import GAP_CELLS, find_superseded, inputs_of_superseded, pair_same
+from eaves.blocks.points import GAP_CELLS, find_superseded, inputs_of_superseded, pair_same
 from eaves.flow.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.formats import InputError, read_polygons
 from eaves.model import Block
+from eaves.model.block import ring
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.run.keys import SUPERSEDED
-from eaves.run.lock import lock_folder
-from eaves.run.manifest import check_folder
+from eaves.run.manifest import check_folder, lock_folder
 from eaves.run.points import load_scans
 from eaves.run.store import RECORD, Store
-from eaves.run.world_squares import ring
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
-from eaves.simulate.objects.roofs import PITCH, sample_from_above
-from eaves.upkeep.kept import open_again
-from eaves.upkeep.update import Updated, date_of, update
+from eaves.simulate.objects.houses import PITCH, sample_from_above
+from eaves.upkeep.update import Updated, date_of, open_again, update
 from eaves.upkeep.versions import lines_of, terminated
 from tests.change.test_compare import GONE, RAISED, later_roofs
 from tests.conftest import build_files, write_laz
@@ -335,7 +333,7 @@ def test_inputs_whose_folder_has_moved_are_reached_through_a_link(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", ["read", "blocks", "buildings", "write"])
+@pytest.mark.parametrize("step", ["points", "regions", "buildings", "write"])
 def test_an_update_that_was_stopped_can_be_made_again(
     epochs: Path, updated: Updated, tmp_path: Path, step: str
 ) -> None:
@@ -346,7 +344,7 @@ def test_an_update_that_was_stopped_can_be_made_again(
     out = tmp_path / "out2"
     with pytest.raises(KeyboardInterrupt):
         update(epochs / "out", epochs / "tiles", out, date="2026-05-01", progress=stop)
-    assert step == "read" or check_folder(out)
+    assert step == "points" or check_folder(out)
     assert check_folder(epochs / "out") == []
     update(epochs / "out", epochs / "tiles", out, date="2026-05-01")
     assert all((out / name).read_bytes() == (epochs / "out2" / name).read_bytes() for name in WRITTEN)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.geometry.roof_fit import roof_point_mask
+from eaves.geometry.face_table import roof_point_mask
 from eaves.model import BuildingModel, Face, Footprint, Solid
 from eaves.validate import fit_to_points, validate_model
 

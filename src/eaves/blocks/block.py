@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eaves.blocks.block_file import block_arrays
 from eaves.blocks.ground import Surroundings, surroundings_of
 from eaves.detect import detect_buildings
-from eaves.ground.toolkit.doubts import doubts_within
+from eaves.ground.toolkit.floor import doubts_within
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.model import (
     BRIDGE_DECK,
@@ -33,11 +33,10 @@ from eaves.model import (
 from eaves.model.checks import check_type
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import scene_of, two_scenes
-from eaves.run.clock import Clock
+from eaves.run.memory import Clock
 from eaves.run.points import PointWindow
 from eaves.surroundings.decks import Decks, wet_or_bridged
-from eaves.surroundings.vegetation import vegetation_classes
-from eaves.surroundings.wires import find_towers, find_wires
+from eaves.surroundings.wires import find_towers, find_wires, vegetation_classes
 
 if TYPE_CHECKING:
     from eaves.recipe.recipe import Recipe

@@ -26,8 +26,7 @@ from eaves.model import (
 )
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
-from eaves.run.part_file import PartFile, packed, unpack
-from eaves.run.store import SECONDS, STARTS
+from eaves.run.store import SECONDS, STARTS, PartFile, packed, unpack
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""

@@ -28,11 +28,10 @@ from eaves.model import (
     PointCloud,
     Points,
 )
-from eaves.model.block import extremes
-from eaves.run.clock import Clock
+from eaves.model.block import extremes, within
+from eaves.run.memory import Clock
 from eaves.run.points import PointWindow
 from eaves.run.store import SECONDS, STARTS
-from eaves.run.world_squares import WIDE_SQUARE, around_squares, within
 from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 
 if TYPE_CHECKING:
@@ -177,14 +176,6 @@ def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
         return None
     low, high = extremes(quanta[:, :2])
     return Bounds(*map(float, (*low * GRID_STEP, *(high + 1) * GRID_STEP))).translated(*block.origin)
-
-
-def seen_from(bounds: Bounds, recipe: Recipe, side: float) -> Bounds:
-    """World metres of the points that decide the ground of the blocks of a side (m) within `bounds`."""
-    blocks = around_squares(bounds, side).buffered(recipe.ground.buffer)
-    if not recipe.sees_wide:
-        return blocks
-    return around_squares(blocks, WIDE_SQUARE).buffered(recipe.ground.wide_buffer)
 
 
 @dataclass(frozen=True, eq=False)

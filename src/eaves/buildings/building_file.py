@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,8 +17,7 @@ from eaves.formats.whole_files import atomic
 from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, EDITED, NAMED
-from eaves.run.part_file import PartFile, load_part, pack, unpack
-from eaves.run.store import Store
+from eaves.run.store import PartFile, Store, load_part, pack, unpack
 
 ROWS, ANSWERS = "rows", "answers"
 """The sections of the file: what tables say of each building, and the model or failure itself."""
@@ -146,6 +145,26 @@ class SavedBuildings:
 
     store: Store
     layers: tuple[str, ...] = (EDITED, NAMED, BUILDINGS)
+
+    def only(self, *layers: str) -> SavedBuildings:
+        """The buildings of some layers alone."""
+        return replace(self, layers=layers)
+
+    def keys(self, owners: Iterable[Block]) -> dict[str, str]:
+        """Owner block, by its name → the key of its buildings."""
+        layers = [dict(self.store.found(layer, owners)) for layer in reversed(self.layers)]
+        return {name: key for layer in layers for name, key in layer.items()}
+
+    def save(self, layer: str, owner: Block, results: Sequence[BuildingResult | SavedBuilding]) -> None:
+        """Keep the buildings of an owner block in a layer."""
+        self.store.save(layer, owner, building_arrays(results))
+
+    def take_layer(self, layer: str, owners: Iterable[Block], before: SavedBuildings) -> None:
+        """Have of a layer what another store has of it for some owner blocks, and nothing else."""
+        self.store.evict_others(layer, ())
+        for owner in owners:
+            if before.store.has(layer, owner):
+                before.store.link(layer, owner, self.store)
 
     def owners(self, side: float) -> list[Block]:
         """The blocks of a side (m) that own buildings, in order."""

@@ -12,19 +12,18 @@ from shapely import Polygon
 
 from eaves.blocks.block_file import BlockFile
 from eaves.buildings.building_file import SavedBuilding, building_arrays, saved_buildings
-from eaves.buildings.gather import MARGIN, Gatherer, blocks_in
-from eaves.buildings.join import BuildingPlan, about
+from eaves.buildings.gather import MARGIN, BuildingPlan, Gatherer, about, blocks_in
 from eaves.buildings.owned import RoofOfPoints, try_building
-from eaves.geometry.percentiles import median
+from eaves.geometry.planes import median
 from eaves.methods import MethodChoice
 from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint, Points, RoofPlane
+from eaves.model.block import squares_touching
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.stated_faces import StatedFace, lay_faces
 from eaves.roof import RoofMethod
 from eaves.run.keys import key_of
-from eaves.run.world_squares import squares_touching
 
 if TYPE_CHECKING:
     from eaves.buildings.owned import BuildingParameters

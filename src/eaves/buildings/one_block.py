@@ -22,10 +22,8 @@ from eaves.blocks.ground import (
     objects_around,
     surroundings_of,
 )
-from eaves.blocks.thinned import find_thinned
-from eaves.buildings.block_roofs import select_roof
-from eaves.buildings.gather import MARGIN, Gatherer
-from eaves.buildings.join import Seam, join_regions
+from eaves.blocks.points import find_thinned
+from eaves.buildings.gather import MARGIN, Gatherer, Seam, join_regions, select_roof
 from eaves.buildings.owned import (
     failure_in_place,
     keep_valid,
@@ -38,12 +36,11 @@ from eaves.formats.points.las import TIME_PLACE, moments_of
 from eaves.formats.points.source import MISSING
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.model import GRID_STEP, Block, BuildingModel, Failure, Footprint, PointCloud, Regions
-from eaves.model.block import BLOCK_SIDE
+from eaves.model.block import BLOCK_SIDE, WIDE_SQUARE, squares_of
 from eaves.model.checks import check_lengths, check_type
 from eaves.model.results import BuildingPoints
 from eaves.raster.surfaces import heights_under
 from eaves.run.store import RECORD, record_of
-from eaves.run.world_squares import WIDE_SQUARE, squares_of
 from eaves.surroundings.decks import Decks
 
 if TYPE_CHECKING:

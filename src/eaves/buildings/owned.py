@@ -1,7 +1,5 @@
-"""The buildings of one owner block: gathered, outlined together, divided, and modelled one by one.
-
-The building pass gives outline facts, roof planes and valid solids of one building.
-"""
+"""The buildings of one owner block: gathered, outlined together, divided, and modelled one by one, each
+with its outline facts, roof planes and valid solids."""
 
 from __future__ import annotations
 
@@ -16,14 +14,22 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.blocks.block_file import BlockFile
-from eaves.buildings.block_roofs import building_keys, draw_blocks, random_numbers_of, select_roof
 from eaves.buildings.building_file import SavedBuilding, building_arrays
-from eaves.buildings.gather import MARGIN, Gatherer, cells_of, is_seen_beside
-from eaves.buildings.join import OwnedBuildings
+from eaves.buildings.gather import (
+    MARGIN,
+    Gatherer,
+    OwnedBuildings,
+    building_keys,
+    cells_of,
+    draw_blocks,
+    is_seen_beside,
+    random_numbers_of,
+    select_roof,
+)
 from eaves.figures.attributes import measure_again
-from eaves.figures.trust import CELLS, NO_ROOF
+from eaves.figures.rows import CELLS, NO_ROOF
 from eaves.footprints.addresses import divide_buildings
-from eaves.geometry.tolerance import PLANARITY, SNAP
+from eaves.geometry.rings import PLANARITY, SNAP
 from eaves.methods import ContractError, MethodChoice, check_returned, naming, resolve_method
 from eaves.model import (
     OVERHANGS,
@@ -46,7 +52,7 @@ from eaves.raster.surfaces import CELL, heights_under
 from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.stage import FALLBACK, BlockPart
 from eaves.roof import RoofMethod, segment_roof
-from eaves.run.clock import Clock
+from eaves.run.memory import Clock
 from eaves.validate import Tolerances, validate_model
 from eaves.validate.models import find_invalid
 

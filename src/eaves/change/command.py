@@ -26,7 +26,7 @@ def compare(
       eaves compare run-2018 run-2024 -o changes
       eaves compare ahn3.laz ahn5.laz -o changes
     """
-    from eaves.change.run import run_comparison
+    from eaves.change.compare import run_comparison
 
     start_run_log(quiet, verbose)
     with progress_display(quiet) as progress:

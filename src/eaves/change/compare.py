@@ -12,9 +12,10 @@ is no change. The points decide.
 
 from __future__ import annotations
 
+import logging
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -23,17 +24,30 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch, open_epoch
-from eaves.change.faced import Faced, by_site, found_beside, roof_points
-from eaves.change.measure import REACH, measure_epochs
-from eaves.change.sites import Site, carry_ids, make_sites
+from eaves.change.faced import (
+    REACH,
+    Faced,
+    Site,
+    by_site,
+    carry_ids,
+    found_beside,
+    make_sites,
+    measure_epochs,
+    roof_points,
+)
+from eaves.change.output import as_text, write_change_page, write_comparison
 from eaves.change.surface import face_points
-from eaves.change.verdict import ChangeRules, Verdict, judge_building
+from eaves.change.verdict import BuildingChange, ChangeRules, Comparison, Verdict, judge_building
 from eaves.figures import PARTY_GAP
-from eaves.flow import STRIP_CELL, Progress, no_progress
+from eaves.flow import STRIP_CELL, Progress, claim, no_progress
+from eaves.formats import InputError, report_full_disk
 from eaves.geometry import edges_of, members, points_in_polygons
 from eaves.model import Block, Bounds, PointCloud, Points
+from eaves.pipeline import build
+from eaves.run import MANIFEST, RunOptions, begin_manifest, end_manifest, lock_folder
+
+log = logging.getLogger("eaves")
 
 BESIDE_M = 1.5
 """Largest distance (m) of a part that no run found from its building."""
@@ -264,3 +278,39 @@ class Comparer:
         ]
         old_ids, new_ids = (tuple(one.id for one in side) for side in (site.old, site.new))
         return BuildingChange("", old_ids, new_ids, site.polygon, verdict, points, (volumes[0], volumes[1]))
+
+
+WANTED = ("footprints", "models", "rasters", "classified")
+"""The outputs of a scan that is built first."""
+
+
+def run_comparison(
+    old: Path, new: Path, out: Path, crs: str | None, jobs: int, progress: Callable[[str, int, int], None]
+) -> tuple[str, bool]:
+    """Compare and write; the closing lines, and whether everything that was built first is whole."""
+    for path in (old, new):
+        if not path.exists():
+            raise InputError.about(path, "does not exist", "give the folder of a run, or a scan")
+    if old.resolve() == new.resolve():
+        raise InputError.about(old, "is given as both epochs", "give two")
+    if out.resolve() in (old.resolve(), new.resolve()):
+        raise InputError.about(out, "is the folder of an epoch", "choose another with -o")
+    claim(out)
+    whole = True
+    folders = []
+    for name, path in (("old", old), ("new", new)):
+        folder = path
+        if not (path / MANIFEST).exists():
+            log.info("%s: is a scan and is built first, into %s", path, out / name)
+            options = RunOptions(crs=crs, jobs=jobs, outputs=WANTED, resume=True)
+            summary = build(path, out / name, progress=progress, allow_failures=True, **options)
+            whole &= summary.complete
+            folder = out / name
+        folders.append(folder)
+    with lock_folder(out), report_full_disk(out):
+        comparison = compare(folders[0], folders[1], out, progress)
+        begin_manifest(out)
+        paths = write_comparison(comparison, out)
+        paths.append(write_change_page(comparison, out))
+        end_manifest(out, paths, whole, command="compare")
+    return f"{as_text(comparison)}\npage: {paths[-1]}", whole

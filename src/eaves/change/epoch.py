@@ -17,7 +17,8 @@ from shapely import MultiPolygon, Polygon
 from eaves.flow import Region, open_region, open_run, read_points
 from eaves.formats import InputError, horizontal_crs, is_classified, read_polygons
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
-from eaves.run import MANIFEST, Workers, load_window, read_facts, read_manifest, squares_of
+from eaves.model.block import squares_of
+from eaves.run import MANIFEST, Workers, read_facts, read_manifest
 
 log = logging.getLogger("eaves")
 
@@ -58,7 +59,7 @@ class Epoch:
     @cached_property
     def _move(self) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
         """From the files' plane coordinates (metres) to the comparison's, and back; None where they agree."""
-        inner, wanted = horizontal_crs(self.region.store.system), horizontal_crs(self.system)
+        inner, wanted = horizontal_crs(self.region.system), horizontal_crs(self.system)
         if inner is None or wanted is None or inner.equals(wanted, ignore_axis_order=True):
             return None
         from pyproj import Transformer
@@ -70,7 +71,7 @@ class Epoch:
 
     def blocks(self) -> list[Block]:
         """The blocks of the comparison's system that may have points."""
-        own = self.region.store.blocks(self.side)
+        own = self.region.blocks_read
         if self._move is None:
             return own
         found: set[Block] = set()
@@ -82,11 +83,11 @@ class Epoch:
         """The points of a block of the comparison's system, and of its surroundings up to `reach` (m), about
         its corner, in canonical order."""
         if self._move is None:
-            return load_window(self.region.store, block, reach).cloud
+            return self.region.window(block, reach)
         wanted = block.bounds.buffered(reach)
         pieces = []
         for own in squares_of(self.moved(wanted, 1), self.side):
-            cloud = load_window(self.region.store, own, 0.0).cloud
+            cloud = self.region.window(own, 0.0)
             if len(cloud):
                 world = cloud.xyz + np.array([*own.origin, 0.0])
                 world[:, :2] = self.plane(world[:, :2], 0)
@@ -94,7 +95,7 @@ class Epoch:
                 pieces.append((cloud, world, inside))
         if not pieces:
             nowhere = Block(block.column, block.row, self.side)
-            return load_window(self.region.store, nowhere, 0.0).cloud.take(np.zeros(0, np.int64))
+            return self.region.window(nowhere, 0.0).take(np.zeros(0, np.int64))
         arrays = {
             name: np.concatenate([getattr(cloud, name)[inside] for cloud, _, inside in pieces])
             for name in ("return_number", "number_of_returns", "classification", "point_id")
@@ -107,7 +108,7 @@ class Epoch:
         """Plane coordinates (N, 2) in metres taken to the comparison's system (0), or back (1)."""
         if self._move is None:
             return xy
-        units = self.region.store.system.horizontal_unit_m, self.system.horizontal_unit_m
+        units = self.region.system.horizontal_unit_m, self.system.horizontal_unit_m
         x, y = self._move[way](*(xy / units[way]).T)
         return np.column_stack([x, y]) * units[1 - way]
 

@@ -1,8 +1,20 @@
 """The command line. What commands of other packages share is here; entry points of the group `eaves.commands`
 name them."""
 
-from eaves.cli.options import Basemap, Crs, Jobs, Out, Quiet, Verbose
-from eaves.cli.runs import COMPLETE, INCOMPLETE, progress_display, run_display, start_log, start_run_log
+from eaves.cli.runs import (
+    COMPLETE,
+    INCOMPLETE,
+    Basemap,
+    Crs,
+    Jobs,
+    Out,
+    Quiet,
+    Verbose,
+    progress_display,
+    run_display,
+    start_log,
+    start_run_log,
+)
 
 __all__ = [
     "COMPLETE",

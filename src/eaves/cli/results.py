@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.options import Basemap, Quiet, Verbose
-from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
+from eaves.cli.runs import COMPLETE, INCOMPLETE, Basemap, Quiet, Verbose, start_log
 
 MODELS = "buildings.city.jsonl"
 """Of a run."""
@@ -74,9 +73,7 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     """Open the 3D page of a run. It is generated if missing; --serve shows runs of any size."""
-    from eaves.report.serve import serve_run
-    from eaves.report.site import open_site
-    from eaves.report.view import open_beside, open_report
+    from eaves.report.view import open_beside, open_report, open_site, serve_run
 
     start_log(quiet, verbose)
     if sum((around is not None, beside is not None, serve)) > 1:

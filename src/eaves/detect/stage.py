@@ -10,16 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.methods import (
-    Emit,
-    Method,
-    MethodChoice,
-    check_returned,
-    emitter,
-    ignore,
-    naming,
-    resolve_method,
-)
+from eaves.methods import Emit, Method, MethodChoice, check_returned, emitter, ignore, naming, resolve_method
 from eaves.model import Labels, PointCloud, Points, Regions, Scene
 from eaves.model.checks import check_type, is_array
 from eaves.raster.surfaces import make_scene

@@ -35,8 +35,8 @@ def edit(
     if summary:
         typer.echo(summarise_folder(folder))
         return
+    from eaves.edit.actions import Session
     from eaves.edit.server import Desk, serve_desk
-    from eaves.edit.session import Session
 
     with closing(Session(folder, max(jobs, 1))) as session:
         serve_desk(Desk(session), port, browser, lambda words: None if quiet else typer.echo(words))

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from eaves.edit.actions import ActionError
-from eaves.edit.drawn import drawn, page_of, picture_of, plan_of, queue_of, script_of
-from eaves.edit.session import Change, Session
+from eaves.edit.actions import ActionError, Change, Session
+from eaves.edit.review import drawn, page_of, picture_of, plan_of, queue_of, script_of
 from eaves.report import HOST, Handler, open_server, read_contents
 
 LARGEST = 1_000_000

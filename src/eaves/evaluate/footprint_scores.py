@@ -16,8 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from eaves.evaluate.matching import Matching, Objects
-from eaves.evaluate.scores import Agreement, ratio, root_mean_square
+from eaves.evaluate.matching import Agreement, Matching, Objects, ratio, root_mean_square
 from eaves.geometry import COORDINATE_STEP, pair_off
 
 STEP = 0.25

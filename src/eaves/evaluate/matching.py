@@ -17,8 +17,68 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from eaves.evaluate.scores import Agreement
 from eaves.model import Integers, Mask, Values
+
+
+def ratio(part: float, total: float) -> float:
+    """part / whole, NaN when there is no whole."""
+    return float(part / total) if total else float("nan")
+
+
+def root_mean_square(values: Values) -> float:
+    """√mean(v²), NaN when there is none."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Completeness and correctness of a result against a reference [heipke1997].
+
+    By area `found` and `correct` are equal; by objects they need not be, for one object may stand for
+    several. A measure with nothing to divide by is NaN.
+
+    Parameters
+    ----------
+    found, reference : float
+        Area (m²) or number of objects of the reference that was found, and all of it.
+    correct, result : float
+        Area (m²) or number of objects of the result that is right, and all of it.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import Agreement
+    >>> score = Agreement(found=8, reference=10, correct=8, result=8)
+    >>> score.completeness, score.correctness, score.quality
+    (0.8, 1.0, 0.8)
+    """
+
+    found: float
+    reference: float
+    correct: float
+    result: float
+
+    @property
+    def completeness(self) -> float:
+        """TP / (TP + FN)."""
+        return ratio(self.found, self.reference)
+
+    @property
+    def correctness(self) -> float:
+        """TP / (TP + FP)."""
+        return ratio(self.correct, self.result)
+
+    @property
+    def f1(self) -> float:
+        """The harmonic mean of completeness and correctness."""
+        return ratio(2.0 * self.completeness * self.correctness, self.completeness + self.correctness)
+
+    @property
+    def quality(self) -> float:
+        """TP / (TP + FN + FP), written so that it holds for both counts of TP [rutzinger2009], eq. 3."""
+        product = self.completeness * self.correctness
+        total = self.completeness + self.correctness
+        return ratio(product, total - product) if total else 0.0
+
 
 SMALLEST = 2.5
 """Objects under this area (m²) are left out [isprs_evaluation]."""
@@ -176,3 +236,96 @@ def rim_distances(result: Sides, reference: Sides, cell: float) -> Values:
     beyond = np.maximum(np.where(upright[which], away[..., 1], away[..., 0]) - cell / 2, 0.0)
     distance = np.hypot(beside, beyond).min(axis=1)
     return np.asarray(distance[distance <= FARTHEST])
+
+
+@dataclass(frozen=True)
+class GroundScore:
+    """Counts of points, and the errors of Sithole and Vosselman 2004, section 4.2, as shares of one.
+
+    Parameters
+    ----------
+    ground_kept, ground_rejected : int
+        Ground points of the reference that the result has as ground, and as objects.
+    object_accepted, object_rejected : int
+        Object points of the reference that the result has as ground, and as objects.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import GroundScore
+    >>> GroundScore(90, 10, 5, 95).type_1
+    0.1
+    """
+
+    ground_kept: int
+    ground_rejected: int
+    object_accepted: int
+    object_rejected: int
+
+    @property
+    def points(self) -> int:
+        """Number of points that were judged."""
+        return self.ground_kept + self.ground_rejected + self.object_accepted + self.object_rejected
+
+    @property
+    def type_1(self) -> float:
+        """Ground points called object, of all ground points."""
+        return ratio(self.ground_rejected, self.ground_kept + self.ground_rejected)
+
+    @property
+    def type_2(self) -> float:
+        """Object points called ground, of all object points."""
+        return ratio(self.object_accepted, self.object_accepted + self.object_rejected)
+
+    @property
+    def total_error(self) -> float:
+        """Points of the wrong class, of all points."""
+        return ratio(self.ground_rejected + self.object_accepted, self.points)
+
+    @property
+    def kappa(self) -> float:
+        """Agreement beyond chance [cohen1960]; NaN when both name one class only."""
+        reference = ratio(self.ground_kept + self.ground_rejected, self.points)
+        result = ratio(self.ground_kept + self.object_accepted, self.points)
+        chance = reference * result + (1 - reference) * (1 - result)
+        return ratio(1 - self.total_error - chance, 1 - chance)
+
+    @property
+    def f1(self) -> float:
+        """Harmonic mean of precision and recall of ground."""
+        return ratio(2 * self.ground_kept, 2 * self.ground_kept + self.ground_rejected + self.object_accepted)
+
+
+def evaluate_ground(result: Mask, reference: Mask) -> GroundScore:
+    """Scores of two ground masks of the same points.
+
+    Parameters
+    ----------
+    result, reference : ndarray (N,) of bool
+        Masks of the ground points.
+
+    Returns
+    -------
+    GroundScore
+        A share with nothing to divide by is NaN.
+
+    Raises
+    ------
+    ValueError
+        When the masks differ in shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_ground
+    >>> score = evaluate_ground(np.array([True, True, False, False]), np.array([True, False, False, False]))
+    >>> score.total_error
+    0.25
+    """
+    if result.shape != reference.shape:
+        raise ValueError(f"masks of {result.shape} and {reference.shape} points cannot be compared")
+    return GroundScore(
+        int(np.sum(reference & result)),
+        int(np.sum(reference & ~result)),
+        int(np.sum(~reference & result)),
+        int(np.sum(~reference & ~result)),
+    )

@@ -13,8 +13,14 @@ import numpy as np
 from scipy import ndimage
 
 from eaves.evaluate.detection_scores import ObjectRow, object_rows
-from eaves.evaluate.matching import Matching, match_objects, rim_distances, rim_of
-from eaves.evaluate.scores import Agreement, root_mean_square
+from eaves.evaluate.matching import (
+    Agreement,
+    Matching,
+    match_objects,
+    rim_distances,
+    rim_of,
+    root_mean_square,
+)
 from eaves.model import Integers, Values
 from eaves.model.checks import check_positive, check_same_shape
 

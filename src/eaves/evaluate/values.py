@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from eaves.evaluate.detection_scores import DetectionScore, evaluate_detection
-from eaves.evaluate.files import evaluate_files
+from eaves.evaluate.detection_scores import DetectionScore, common_grid, evaluate_detection, open_buildings
 from eaves.evaluate.footprint_scores import FootprintScore, evaluate_footprints
-from eaves.evaluate.ground_scores import GroundScore, evaluate_ground
-from eaves.evaluate.images import common_grid, open_buildings
-from eaves.evaluate.report import Evaluation
+from eaves.evaluate.matching import GroundScore, evaluate_ground
+from eaves.evaluate.report import Evaluation, evaluate_files
 from eaves.flow import MODELS, ModelledBuildings, Results
 from eaves.formats import as_point_files, as_polygon_file, read, read_polygons, write_cityjson_seq
 from eaves.model import Mask, PointCloud

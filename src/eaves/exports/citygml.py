@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -49,6 +49,8 @@ DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
 STANDARD = ("roofType", "measuredHeight", "storeysAboveGround")
 """Attributes of the standard's own."""
+KINDS = {float: "double", int: "int"}
+"""Type of a value → kind of its generic attribute; of any other it is `string`."""
 LEVELS = {"1": ("1.3", "1.2"), "2": ("2.3", "2.2", "2.0")}
 """CityGML's level → level of detail here, the finest first."""
 
@@ -196,6 +198,7 @@ write_citygml3 = partial(write_citygml, version=CITYGML_3)
 """`write_citygml` of version 3.0."""
 
 
+@cache
 def axes_of(system: CoordinateSystem) -> list[int]:
     """The axes (of east, north, up) in the order in which a system's authority lists them: a URL as
     `srsName` says that coordinates follow it (OGC 09-048r5), and readers exchange them where it does not
@@ -208,8 +211,18 @@ def axes_of(system: CoordinateSystem) -> list[int]:
 
 def position_texts(points: Points) -> list[str]:
     """The coordinates of each of the points (N, 3)."""
-    row = f"%.{DECIMALS}f %.{DECIMALS}f %.{DECIMALS}f"
-    return [row % tuple(point) for point in points.tolist()]
+    row = f"%.{DECIMALS}f %.{DECIMALS}f %.{DECIMALS}f\n"
+    return (row * len(points) % tuple(points.ravel().tolist())).splitlines()
+
+
+@cache
+def generic_tags(version: str, name: str, kind: str) -> tuple[str, str]:
+    """What stands before and behind the value of a generic attribute of a kind, as a version has it."""
+    if version == CITYGML_2.name:
+        return f"<gen:{kind}Attribute name={quoteattr(name)}>", f"</gen:{kind}Attribute>"
+    tag = f"gen:{kind.capitalize()}Attribute"
+    begin = f"<core:genericAttribute><{tag}><gen:name>{escape(name)}</gen:name>"
+    return begin, f"</{tag}></core:genericAttribute>"
 
 
 def xml_name(text: str) -> str:
@@ -301,21 +314,9 @@ class _GmlBuilding:
         for name, value in attributes.items():
             if value is None or name in STANDARD or isinstance(value, list | dict):
                 continue
-            kind = "string"
-            if isinstance(value, float):
-                kind = "double"
-            elif isinstance(value, int) and not isinstance(value, bool):
-                kind = "int"
             text = escape(str(value).lower() if isinstance(value, bool) else str(value))
-            if self.version is CITYGML_2:
-                tag = f"gen:{kind}Attribute"
-                yield f"<{tag} name={quoteattr(name)}><gen:value>{text}</gen:value></{tag}>\n"
-            else:
-                tag = f"gen:{kind.capitalize()}Attribute"
-                yield (
-                    f"<core:genericAttribute><{tag}><gen:name>{escape(name)}</gen:name>"
-                    f"<gen:value>{text}</gen:value></{tag}></core:genericAttribute>\n"
-                )
+            begin, end = generic_tags(self.version.name, name, KINDS.get(type(value), "string"))
+            yield f"{begin}<gen:value>{text}</gen:value>{end}\n"
 
     def _geometry(self, solids: Mapping[str, Solid], base: float | None, height: Any) -> None:
         """The footprint, where `base` says how high it lies, and the solids, each version in its order."""

@@ -6,13 +6,12 @@ does. Layers: `ROOF_EDGES`, `FOOTPRINTS` (at the building's base), `BUILDING_IDS
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from eaves.formats import Format, atomic, describe_system
+from eaves.formats import Format, atomic, describe_system, with_solids
 from eaves.geometry import FaceTable
 from eaves.model import (
     LOCAL_METRES,
@@ -78,28 +77,23 @@ def write_dxf(
     with atomic(path) as temporary, temporary.open("w", encoding="ascii", errors="replace") as file:
         remarks = " ".join(f"eaves, {describe_system(system)} {provenance.sentence}".split())
         file.write(f"999\n{remarks}\n0\nSECTION\n2\nENTITIES\n")
-        for model in models:
-            if not isinstance(model, BuildingModel) or not model.solids:
-                continue
+        for model in with_solids(models):
             footprint = model.footprint
             shift = np.array([*footprint.origin, 0.0])
             roofs = FaceTable.of_solids(model.solids[model.lod], ROOF_SURFACE)
             corners, edges = turning_corners(roofs)
             placed = (corners + shift) / unit
-            for one, two in edges.tolist():
-                file.write(line_of(ROOF_LAYER, placed[one], placed[two]))
+            file.write(lines_of(ROOF_LAYER, placed[edges[:, 0]], placed[edges[:, 1]]))
             base = min(float(solid.vertices[:, 2].min()) for solid in model.solids[model.lod])
             for ring in (footprint.polygon.exterior, *footprint.polygon.interiors):
                 flat = np.asarray(ring.coords)[:, :2]
                 upright = (np.column_stack([flat, np.full(len(flat), base)]) + shift) / unit
-                for one, two in pairwise(upright):
-                    file.write(line_of(FOOTPRINT_LAYER, one, two))
+                file.write(lines_of(FOOTPRINT_LAYER, upright[:-1], upright[1:]))
             middle = footprint.polygon.representative_point()
             place = (np.array([middle.x, middle.y, base]) + shift) / unit
             name = " ".join(footprint.id.split()) or f"building-{count + 1}"
-            file.write(
-                f"0\nTEXT\n8\n{ID_LAYER}\n{groups(10, place)}40\n{TEXT_HEIGHT / unit[0]:.3f}\n1\n{name}\n"
-            )
+            file.write(f"0\nTEXT\n8\n{ID_LAYER}\n{groups(10) % tuple(place)}40\n")
+            file.write(f"{TEXT_HEIGHT / unit[0]:.3f}\n1\n{name}\n")
             count += 1
         file.write("0\nENDSEC\n0\nEOF\n")
     return count
@@ -124,15 +118,16 @@ def turning_corners(faces: FaceTable) -> tuple[Points, Integers]:
     return np.array(list(number)).reshape(-1, 3), np.array(sorted(edges), np.int64).reshape(-1, 2)
 
 
-def line_of(layer: str, one: Sequence[float], two: Sequence[float]) -> str:
-    """A LINE between two places (3,)."""
-    return f"0\nLINE\n8\n{layer}\n{groups(10, one)}{groups(11, two)}"
+def lines_of(layer: str, ones: Points, others: Points) -> str:
+    """A LINE between each two places (N, 3)."""
+    line = f"0\nLINE\n8\n{layer}\n{groups(10)}{groups(11)}"
+    return line * len(ones) % tuple(np.hstack([ones, others]).ravel().tolist())
 
 
-def groups(code: int, place: Sequence[float]) -> str:
-    """The three groups of a place, of which `code` is the first one's."""
-    x, y, z = place
-    return f"{code}\n{x:.{DECIMALS}f}\n{code + 10}\n{y:.{DECIMALS}f}\n{code + 20}\n{z:.{DECIMALS}f}\n"
+def groups(code: int) -> str:
+    """The three groups of a place, of which `code` is the first one's, without the numbers."""
+    number = f"%.{DECIMALS}f"
+    return f"{code}\n{number}\n{code + 10}\n{number}\n{code + 20}\n{number}\n"
 
 
 FORMAT = Format({"models": ("roofs.dxf", write_dxf)})

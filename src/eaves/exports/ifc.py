@@ -13,7 +13,7 @@ from uuid import NAMESPACE_URL, uuid5
 
 import numpy as np
 
-from eaves.formats import Format, atomic, attributes_of, clean
+from eaves.formats import Format, atomic, attributes_of, clean, with_solids
 from eaves.model import (
     LOCAL_METRES,
     NOTHING_KNOWN,
@@ -50,7 +50,7 @@ def write_ifc(
     file = ifcopenshell.file(schema="IFC4")
     file.header.file_name.time_stamp = NO_DATE
     file.header.file_description.description = (provenance.sentence or "buildings by eaves",)
-    found = [model for model in models if isinstance(model, BuildingModel) and model.solids]
+    found = list(with_solids(models))
     origin = np.array([*(found[0].footprint.origin if found else (0.0, 0.0)), 0.0])
     context, site = make_site(file, system, origin)
     buildings = [make_building(file, model, context, origin) for model in found]

@@ -11,7 +11,16 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from eaves.formats import PIECE_ROWS, SURFACES, Format, Row, append_rows, atomic, describe_layers
+from eaves.formats import (
+    PIECE_ROWS,
+    SURFACES,
+    Format,
+    Row,
+    append_rows,
+    atomic,
+    describe_layers,
+    with_solids,
+)
 from eaves.geometry import FaceTable
 from eaves.model import (
     LOCAL_METRES,
@@ -69,9 +78,7 @@ def write_lod_layers(
     with atomic(path) as temporary:
         for lod in LODS[1:]:  # every layer is there, also where no building has that level
             append_rows(temporary, [], system, layer_of(lod), KINDS)
-        for model in models:
-            if not isinstance(model, BuildingModel) or not model.solids:
-                continue
+        for model in with_solids(models):
             count += 1
             for lod in model.solids:
                 rows = waiting.setdefault(lod, [])

@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.figures.roof_figures import QUARTERS, quarter_of
+from eaves.figures.attributes import QUARTERS, quarter_of
 from eaves.geometry.face_table import FaceTable
 from eaves.model import WALL_SURFACE, BuildingModel, Failure
 

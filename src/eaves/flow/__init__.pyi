@@ -11,6 +11,7 @@ from .formats import export_footprints as export_footprints
 from .formats import export_points as export_points
 from .formats import files_of_formats as files_of_formats
 from .formats import format_of as format_of
+from .region import Region as Region
 from .region import open_region as open_region
 from .region import read_points as read_points
 from .results import MODELS as MODELS
@@ -21,4 +22,3 @@ from .run import Progress as Progress
 from .run import claim as claim
 from .run import no_progress as no_progress
 from .run import open_run as open_run
-from .step import Region as Region

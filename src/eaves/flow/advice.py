@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.blocks.thinned import ENOUGH_PER_M2
+from eaves.blocks.points import ENOUGH_PER_M2
 from eaves.figures.rows import BuildingRow
 from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.points.plausible import STRETCHED
 from eaves.formats.points.sample import Sample, read_sample
 from eaves.formats.statements import UNSTATED
-from eaves.geometry.percentiles import group_percentiles
+from eaves.geometry.planes import group_percentiles
 from eaves.model import LOCAL_METRES, Points, Values
-from eaves.raster.blur import WIDTH, measure_blur, measure_roughness
-from eaves.raster.groups import number_squares, number_values
+from eaves.raster.blur import WIDTH, measure_blur, measure_roughness, number_squares, number_values
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 

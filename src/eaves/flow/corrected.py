@@ -6,23 +6,29 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import shapely
 from shapely import Polygon
 
-from eaves.buildings.building_file import SavedBuildings, found_buildings
-from eaves.buildings.edited import Order, OwnedOrders
-from eaves.buildings.join import block_of
+from eaves.buildings.building_file import SavedBuildings, load_buildings, load_found
+from eaves.buildings.edited import Order, OwnedOrders, inputs_of_edited, model_orders
+from eaves.buildings.gather import block_of
 from eaves.flow.edits import Edit, edits_of_layer, read_edits, settle, write_edits
 from eaves.flow.refusals import EDITS, LAYER
-from eaves.flow.region import model_edits
+from eaves.flow.region import Region, ensure_points
 from eaves.flow.run import Run
-from eaves.flow.step import Region
-from eaves.flow.steps import BUILDINGS, EDITED
+from eaves.flow.step import BUILDINGS, REGIONS, Input, Step, ensure
+from eaves.flow.tiles import by_tile, evict
 from eaves.model import Block, CoordinateSystem, Footprint
+from eaves.run import keys
 from eaves.run.keys import NAMED
 from eaves.run.manifest import is_changed, known_files
+
+if TYPE_CHECKING:
+    from eaves.flow.region import Region
+if TYPE_CHECKING:
+    pass
 
 OVERLAP_M2 = 1.0
 """An edited outline that covers more of a neighbour than this (m²) is reported."""
@@ -62,8 +68,8 @@ def changed_in_layer(folder: Path, system: CoordinateSystem, shown: dict[str, Po
 
 def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     """Carry out all edits on a region's buildings, and take back what is edited no more."""
-    store, side = region.store, region.run.side
-    detected = found_buildings(store)
+    side, edited = region.run.side, region.buildings.only(EDITED.name)
+    detected = region.buildings.only(NAMED, BUILDINGS.name)
     orders, conflicts = settle(edits, outlines_in(detected, side))
     home = {str(row.values["id"]): owner for owner in detected.owners(side) for row in detected.rows([owner])}
     orders = [order for order in orders if order.outlines or order.id in home]
@@ -71,20 +77,17 @@ def correct(region: Region, edits: Sequence[Edit]) -> Corrected:
     for order in orders:
         owner = home.get(order.id) or block_of(Footprint(order.outlines[0]), region.run.first_block)
         by_owner.setdefault(owner, []).append(order)
-    touched = frozenset([*by_owner, *store.units(EDITED.name, side)])
-    store.evict_others(EDITED.name, by_owner)
-    keys = {**dict(store.found(BUILDINGS.name, by_owner)), **dict(store.found(NAMED, by_owner))}
+    touched = frozenset([*by_owner, *edited.owners(side)])
+    keys = detected.keys(by_owner)
     units = [
         OwnedOrders(owner, tuple(by_owner[owner]), keys.get(owner.name, "")) for owner in sorted(by_owner)
     ]
     model_edits(region, units)
-    conflicts += overlaps(orders, outlines_in(SavedBuildings(store), side))
+    conflicts += overlaps(orders, outlines_in(region.buildings, side))
     return Corrected(
         tuple(part.id for order in orders for part in order.modelled),
         tuple(order.id for order in orders if not order.parts),
-        tuple(
-            reason for unit in units for reason in failures_in(unit, SavedBuildings(store, (EDITED.name,)))
-        ),
+        tuple(reason for unit in units for reason in failures_in(unit, edited)),
         tuple(conflicts),
         touched,
     )
@@ -143,10 +146,33 @@ class CarriedEdits:
         log.info("%d edits of an earlier run are carried over", len(self.edits))
         for reason in (*corrected.conflicts, *corrected.failed):
             log.warning("edit: %s", reason)
-        return SavedBuildings(region.store).owners(region.run.side)
+        return region.buildings.owners(region.run.side)
 
     def keep(self) -> Path:
         """Write the file of the edits again, as those of this build; its path."""
         path = self.run.folder / EDITS
         write_edits(path, self.edits, self.run.index.system)
         return path
+
+
+def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
+    """The buildings of some owner blocks after a person's edits."""
+    region.store.evict_others(EDITED.name, [unit.owner_block for unit in units])
+    for group in by_tile(region, units):
+        ensure_points(region, EDITED, group)
+        ensure(region, EDITED, group)
+        if region.run.by_tiles:
+            evict(region)
+
+
+EDITED = Step(
+    name=keys.EDITED,
+    code=keys.BUILDINGS_CODE,
+    takes=(REGIONS.around(1), Input(load=load_found)),
+    inputs_of=inputs_of_edited,
+    run=model_orders,
+    reads=("roof", "reconstruct", "lod", "overhangs", "keeps_low", "from_raster"),
+    earlier=load_buildings,
+    shown=True,
+    persistent=True,
+)

@@ -16,9 +16,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.buildings.edited import COARSER, FINER, FLAT, GABLE, HIP, Order, OrderedPart, StatedRoof
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
-from eaves.geometry.overlaps import HALF
-from eaves.geometry.rings import as_polygon
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP, HALF, as_polygon
 from eaves.methods import resolve_method
 from eaves.model import CoordinateSystem
 from eaves.reconstruct import Reconstructor

@@ -18,8 +18,7 @@ from eaves.detect import detect_buildings
 from eaves.detect.consensus.method import CELL_SPACINGS, LEAST_CELL_M
 from eaves.detect.toolkit.cells import side_near
 from eaves.flow.run import Run
-from eaves.flow.step import Step
-from eaves.flow.steps import GROUND, REGIONS
+from eaves.flow.step import GROUND, REGIONS, Step
 from eaves.formats.rasters.geotiff import write_raster
 from eaves.ground import classify_ground
 from eaves.ground.toolkit.wide_objects import WideObjects
@@ -27,7 +26,7 @@ from eaves.methods import REGISTRY, Emit
 from eaves.model import Block, Bounds, BuildingModel, Failure, Points, Raster
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.grid import empty_raster, heights_of, highest_points, whole_cells
-from eaves.recipe.sources import find_source
+from eaves.recipe.recipe import find_source
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
 

@@ -6,8 +6,9 @@ import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache, partial, reduce
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -19,19 +20,12 @@ from shapely import Polygon
 from eaves.blocks.block_file import BlockFile, BlockMetadata, block_extent
 from eaves.buildings.building_file import ANSWERS, SavedBuildings, read_numbers
 from eaves.extensions import OUTPUTS, imported, installed
-from eaves.figures.party_walls import (
-    PARTY_GAP,
-    Walls,
-    walls_between,
-    walls_of,
-    with_decimals,
-    with_walls,
-)
-from eaves.figures.rows import primitive_rows
-from eaves.figures.trust import judge
+from eaves.figures.party_walls import PARTY_GAP, Walls, walls_between, walls_of, with_decimals, with_walls
+from eaves.figures.rows import judge, primitive_rows
 from eaves.flow.advice import feet_remark
-from eaves.flow.formats import export_content, export_footprints, export_points, noted_failure
-from eaves.flow.review import (
+from eaves.flow.formats import TILES, export_content, export_footprints, export_points, noted_failure
+from eaves.flow.region import Region
+from eaves.flow.results import (
     HOUSES,
     LAYER,
     REVIEW,
@@ -45,25 +39,110 @@ from eaves.flow.review import (
     write_table,
 )
 from eaves.flow.run import Run, stated_request
-from eaves.flow.step import Region, Step, Work, results_of
-from eaves.flow.steps import GROUND, REGIONS, SHOWN
-from eaves.formats import InputError, write_cityjson_seq
+from eaves.flow.step import GROUND, REGIONS, SHOWN, Step
+from eaves.flow.tiles import tile_of
+from eaves.footprints.read import as_box
+from eaves.formats import InputError, MosaicWriter, write_cityjson_seq
 from eaves.formats.columns import LAYERS
 from eaves.formats.qgis.project import write_project
+from eaves.formats.rasters.geotiff import write_world_file
+from eaves.formats.rasters.vrt import write_vrt
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
+from eaves.model.block import within
 from eaves.model.summary import Summary
-from eaves.run.clock import Clock
+from eaves.raster.grid import rasterize
+from eaves.raster.surfaces import CELL, is_large
 from eaves.run.manifest import MANIFEST, begin_manifest, set_aside, work_of_persons
+from eaves.run.memory import Clock
 from eaves.run.options import EVERYTHING
-from eaves.run.partition import Window
+from eaves.run.points import Window
 from eaves.run.store import SECONDS, STARTS
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
-    from eaves.flow.classified_points import PointSink
+    from eaves.flow.formats import PointSink
 
 log = logging.getLogger("eaves")
+
+
+@dataclass(frozen=True)
+class RasterPiece:
+    """A file of a raster: its folder, the blocks it shows, and its extent (world metres)."""
+
+    folder: Path
+    blocks: Sequence[Block]
+    extent: Bounds
+
+
+def raster_pieces(run: Run, blocks: Sequence[Block], extent: Bounds) -> list[RasterPiece]:
+    """The files of a raster of some blocks: one, or those of tiles, of which none is empty."""
+    if not (run.by_tiles or is_large(extent)):
+        return [RasterPiece(run.folder, blocks, extent)]
+    tiles: dict[Block, list[Block]] = {}
+    for block in blocks:
+        tiles.setdefault(tile_of(block, run.tile_side), []).append(block)
+    return [
+        RasterPiece(
+            run.folder / TILES / tile.name,
+            tiles[tile],
+            within(reduce(Bounds.union, (block.bounds for block in tiles[tile])), extent),
+        )
+        for tile in sorted(tiles)
+    ]
+
+
+def with_lists(run: Run, names: Sequence[str], pieces: Sequence[RasterPiece]) -> list[Path]:
+    """The files of rasters of some names, and behind those that lie in several a virtual raster over them."""
+    written = [piece.folder / f"{name}.tif" for piece in pieces for name in names]
+    if not pieces or pieces[0].folder == run.folder:
+        return written
+    lists = [run.folder / f"{name}.vrt" for name in names]
+    for path in lists:
+        write_vrt(path, [piece.folder / f"{path.stem}.tif" for piece in pieces], run.provenance.tags)
+    return written + lists
+
+
+def write_surfaces(run: Run, regions: Mapping[Block, BlockFile], extent: Bounds) -> list[Path]:
+    """dtm.tif, dsm.tif and their difference ndsm.tif over `extent`, each block read once for all."""
+    names, pieces = ("dtm", "dsm", "ndsm"), raster_pieces(run, list(regions), extent)
+    system, tags = run.index.system, run.provenance.tags
+    for piece in pieces:
+        with ExitStack() as stack:
+            paths = [piece.folder / f"{name}.tif" for name in names]
+            writers = [
+                stack.enter_context(MosaicWriter(path, piece.extent, CELL, system, tags=tags))
+                for path in paths
+            ]
+            for block in piece.blocks:
+                file = regions[block]
+                dtm, dsm = file.raster("dtm"), file.raster("dsm")
+                over = replace(dsm, values=dsm.values - dtm.values)
+                for writer, raster in zip(writers, (dtm, dsm, over), strict=True):
+                    writer.write(raster, block.bounds, block.origin)
+    return with_lists(run, names, pieces)
+
+
+def write_run_mask(
+    run: Run, blocks: Sequence[Block], polygons: Sequence[Polygon], extent: Bounds
+) -> list[Path]:
+    """mask.tif: the footprints (world metres) burnt into the raster cells whose centre they hold; of a
+    published system with its world file."""
+    tree, pieces = shapely.STRtree(polygons), raster_pieces(run, blocks, extent)
+    system, tags = run.index.system, run.provenance.tags
+    beside = []
+    for piece in pieces:
+        path = piece.folder / "mask.tif"
+        with MosaicWriter(path, piece.extent, CELL, system, mask=True, tags=tags) as mosaic:
+            for block in piece.blocks:
+                outlines = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
+                part = within(block.bounds, piece.extent)  # a block may be far wider than its points
+                mosaic.write(rasterize(outlines, part, CELL), block.bounds)
+        if run.options["source"] is not None:  # the Vaihingen entry delivers one
+            beside.append(path.with_suffix(".tfw"))
+            write_world_file(beside[-1], mosaic.transform)
+    return with_lists(run, ["mask"], pieces) + beside
+
 
 COUNTED = ("by_lod", "trust", "failures", "fallbacks")
 """What is counted of buildings, as the summary and run.json name it."""
@@ -108,13 +187,11 @@ class RunResults:
     extent: Bounds
     shared: Sequence[dict[str, float] | None]
     """The walls of the buildings (`wall_figures`), where known."""
-    doubts: Sequence[Row] = ()
+    doubts: Sequence[Row]
+    inputs_of: Callable[[Step, Block], Any]
+    """Gives all that a step follows from in a block."""
     copies: Mapping[str, Path] = field(default_factory=dict)
     """Classified points that an earlier run wrote, by the keys of what they follow from."""
-
-    def inputs_of(self, step: Step, block: Block) -> Any:
-        """All that a step follows from in a block."""
-        return Work.of(step, self.run).inputs_of(block, self.kept.store)
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
@@ -192,19 +269,15 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
         files += export_content(folder, "models", results.answers, system, formats, made_from, failed)
         return Written(files, None, failed)
     if step == "mask":
-        from eaves.flow.rasters import write_run_mask
-
         polygons = [row.polygon for row in buildings.rows(owners)]
         return Written(write_run_mask(run, list(results.regions), polygons, results.extent))
     if step == "rasters":
-        from eaves.flow.rasters import write_surfaces
-
         return Written(write_surfaces(run, results.regions, results.extent))
     if step == "steps":
         from eaves.flow.intermediates import write_steps
 
         return Written(write_steps(run, list(results.regions), results.inputs_of))
-    from eaves.flow.classified_points import write_points
+    from eaves.flow.formats import write_points
 
     files = write_points(run, buildings, results.regions, owners, sink, results.copies)
     return Written(files + export_points(files, system, formats, failed), sink, failed)
@@ -221,8 +294,7 @@ def write_outputs(
     Shown are the blocks but for those that failed, and the buildings of its `owners`. Of `copies`
     (key → file) are the classified points that an earlier run wrote just so.
     """
-    run, store = region.run, region.store
-    kept = SavedBuildings(store)
+    run, kept = region.run, region.buildings
     steps = [name for name in (*EVERYTHING, "steps") if name in run.outputs and name != "report"]
     clock = Clock()
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
@@ -234,11 +306,12 @@ def write_outputs(
     results = RunResults(
         run,
         kept,
-        results_of(step_shown(region), store, blocks),
+        region.results(step_shown(region), blocks),
         owners,
         block_extent(metadata),
         shared,
         list(map(doubt_row, doubts)),
+        region.inputs_of(),
         copies or {},
     )
     if sink is not None:
@@ -251,7 +324,7 @@ def write_outputs(
     written = write_each(region, steps, results, sink, clock)
     files = [path for step in steps for path in written.get(step, ())]
     if "footprints" in written:
-        files.append(write_map(run.folder, files, store.system))
+        files.append(write_map(run.folder, files, region.system))
     clock.lap("summary")
     for name, spent in clock.laps.items():
         region.budget.add(name, spent)
@@ -261,7 +334,7 @@ def write_outputs(
         region.remark(remark)
     where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""
     summary = summarise(region, metadata, owners, files, where)
-    description = describe_doubts(doubts, store.system.horizontal_unit_m, where)
+    description = describe_doubts(doubts, region.system.horizontal_unit_m, where)
     summary = replace(summary, run={**summary.run, "doubts": description})
     if run.classified is None:
         write_run(summary)
@@ -352,17 +425,17 @@ def step_shown(region: Region) -> Step:
 def read_metadata(region: Region) -> list[BlockMetadata]:
     """The metadata of all blocks that were computed."""
     metadata = []
-    for block, result in results_of(step_shown(region), region.store, region.shown).items():
+    for block, result in region.results(step_shown(region), region.shown).items():
         metadata.append(result.metadata())
         if not region.run.by_tiles:
-            metadata[-1].seconds["ground"] = float(region.store.array(GROUND.name, block, SECONDS))
+            metadata[-1].seconds["ground"] = float(region.array(GROUND, block, SECONDS))
     return metadata
 
 
 def ground_starts(region: Region) -> dict[str, int]:
     """Number of blocks, and of those in which the ground filter has nothing to begin with, which is said."""
     kept, start = SHOWN if region.run.by_tiles else GROUND, region.run.recipe.ground.start
-    counts = [int(region.store.array(kept.name, block, STARTS)) for block in region.shown]
+    counts = [int(region.array(kept, block, STARTS)) for block in region.shown]
     if empty := counts.count(0):
         log.info("%d of %d blocks have no %s: see the ground filter", empty, len(counts), start)
     return {"blocks": len(counts), f"without {start}": empty}
@@ -379,7 +452,7 @@ def summarise(
     counts = {name: Counter[str]() for name in COUNTED}
     seconds: Counter[str] = Counter()
     count = 0
-    for row in SavedBuildings(region.store).rows(owners):
+    for row in region.buildings.rows(owners):
         count += 1
         counts["trust"][judge(row.values)[0]] += 1
         seconds.update(row.seconds)
@@ -390,7 +463,7 @@ def summarise(
     for block in metadata:
         seconds.update(block.seconds)
     places = (doubt for block in metadata for doubt in block.doubts)
-    remark = objects_remark(places, count, region.store.system.horizontal_unit_m, where)
+    remark = objects_remark(places, count, region.system.horizontal_unit_m, where)
     if remark is not None:
         region.remark(remark)
     run = region.run

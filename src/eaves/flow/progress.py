@@ -13,15 +13,15 @@ from eaves.kernels import compiled_pieces
 
 Show = Callable[[str, int, int], None]
 SECONDS_BETWEEN_LINES = 10.0
-SHARES = {"read": 0.08, "ground": 0.2, "blocks": 0.25, "buildings": 0.4, "write": 0.07}
+SHARES = {"points": 0.08, "ground": 0.2, "regions": 0.25, "buildings": 0.4, "write": 0.07}
 """Usual share of each stage in the time of a run; of a run by tiles `TILE_SHARES`, of one that classifies the
 ground alone `GROUND_SHARES`."""
-GROUND_SHARES = {"read": 0.19, "ground": 0.55, "blocks": 0.08, "write": 0.18}
+GROUND_SHARES = {"points": 0.19, "ground": 0.55, "regions": 0.08, "write": 0.18}
 LEAST_SHARE_COMPILING = 0.9
 """A first run compiles in its early steps, so only its end can be foreseen."""
 UNITS = {
     "compiling": " loops",
-    "read": " points",
+    "points": " parts of files",
     "ground": " blocks",
     "buildings": " blocks",
     "write": " kinds of file",
@@ -95,13 +95,7 @@ def lines(compiling: bool = False, shares: Mapping[str, float] = SHARES) -> Iter
 def bars(compiling: bool = False, shares: Mapping[str, float] = SHARES) -> Iterator[Show]:
     """A bar a stage, drawn by rich on standard error."""
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TaskID,
-        TextColumn,
-    )
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
     columns = (
         TextColumn("{task.description:>10}"),

@@ -5,22 +5,27 @@ No file that a run writes is one that it reads, or holds a person's work or the 
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import datetime
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 
+from eaves.blocks.points import find_steps
 from eaves.detect.given_classes import GivenClasses
 from eaves.flow.formats import memory_of_points
 from eaves.footprints.read import box_text
 from eaves.formats import InputError
+from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.source import check_fields
+from eaves.run.index import Index
 from eaves.run.keys import is_of_package, source_of
 from eaves.run.manifest import (
     LISTED,
@@ -33,11 +38,12 @@ from eaves.run.manifest import (
     work_of_persons,
 )
 from eaves.run.memory import physical_memory, share_memory
-from eaves.run.options import METHOD_OPTIONS
-from eaves.run.partition import BOX_TOLERANCE, Window
+from eaves.run.options import METHOD_OPTIONS, RunOptions
+from eaves.run.points import BOX_TOLERANCE, Window
 from eaves.run.store import RECORD, WORK
 
 if TYPE_CHECKING:
+    from eaves.flow.region import Region
     from eaves.flow.run import Run
     from eaves.run.index import Index
     from eaves.run.options import RunOptions
@@ -88,7 +94,8 @@ def refuse_no_fields(run: Run) -> None:
 
 
 def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
-    """Check that the headers put points into the bounds and the clip area.
+    """Check that the headers put points into the bounds and the clip area, where a result without any is not
+    allowed.
 
     Raises
     ------
@@ -96,6 +103,8 @@ def refuse_no_points(index: Index, window: Window, options: RunOptions) -> None:
         When none of them does.
     """
     boxes = index.entries["box"][index.entries["count"] > 0]
+    if options["allow_empty"]:
+        return
     if not len(boxes):
         raise InputError.about(index.path(0), "no input holds a point", f"give others, {ANYWAY}")
     extent = box_text(boxes, index.system)
@@ -325,3 +334,92 @@ def is_same_place(first: str | Path, second: str | Path) -> bool:
         return os.path.samefile(first, second)
     except OSError:  # one of them is not there yet
         return os.path.normcase(os.path.realpath(first)) == os.path.normcase(os.path.realpath(second))
+
+
+def has_rasters(inputs: str | Path | Sequence[str | Path], dtm: Path | None) -> bool:
+    """True if any input is a raster.
+
+    Raises
+    ------
+    InputError
+        When none is, and there is a terrain for one.
+    """
+    rasters = any(map(is_raster, [inputs] if isinstance(inputs, str | Path) else inputs))
+    if dtm is not None and not rasters:
+        raise InputError(f"--dtm {dtm}: no input is a raster; give a DSM (.tif), or leave it out")
+    return rasters
+
+
+def refuse_changed(polygons: Mapping[str, Path], hashes: Mapping[str, str | None]) -> None:
+    """Check that files of polygons have the hashes that they had.
+
+    Raises
+    ------
+    InputError
+        When one has another.
+    """
+    for name, path in polygons.items():
+        if hash_of(path) != hashes[name]:
+            raise InputError.about(path, "changed while the run was reading it", "run again")
+
+
+def hash_of(path: str | Path | None) -> str | None:
+    """SHA-256 of a file and of those beside it that belong to it: a shapefile is several; None for none."""
+    if path is None or not Path(path).is_file():
+        return None
+    digest, path = hashlib.sha256(), Path(path)
+    beside = [
+        sidecar
+        for sidecar in path.parent.glob(f"{escape(path.stem)}.*")
+        if sidecar.suffix.lower() in SIDECARS
+    ]
+    beside += path.parent.glob(f"{escape(path.name)}-wal")
+    for part in [path, *sorted(set(beside) - {path})]:
+        with part.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
+
+SIDECARS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+"""Files whose contents are part of a shapefile's."""
+
+
+def remark_on_copies(region: Region) -> None:
+    """Say how many points are copies of others, and of which inputs the first ones are."""
+    if not region.copies:
+        return
+    index, count = region.run.index, sum(copies[0] for copies in region.copies.values())
+    ids = region.copies[min(region.copies)][1:]
+    numbers = np.searchsorted(index.starts, ids, side="right") - 1
+    files = " and ".join(dict.fromkeys(index.path(int(number)).name for number in numbers))
+    region.remark(
+        f"{count:,} of {region.points:,} points are identical to others (the first: in {files}) and count "
+        "once: a file given twice, tiles with a buffer, or a strip copied"
+    )
+
+
+def remark_on_steps(region: Region) -> None:
+    """Say which two inputs differ most in height where they meet, and by how much."""
+    found = find_steps([region.heights[block] for block in sorted(region.heights)])
+    if not found:
+        return
+    step, *numbers, places = found[0]
+    low, high = (region.run.index.path(number).name for number in (numbers if step > 0 else numbers[::-1]))
+    others = f"; {len(found) - 1} more pairs of files differ" if len(found) > 1 else ""
+    facts = f"{abs(step):.2f} m higher than {low} where they meet (median of {places:,} places{others})"
+    region.remark(
+        f"{high} lies {facts}: a vertical step between files, as of two height systems; heights of "
+        "the results follow each file"
+    )
+
+
+def warn_of_wrong_boxes(region: Region) -> None:
+    """One warning for all files whose points lie outside the box their header states."""
+    boxes = region.wrong_boxes
+    if boxes:
+        log.warning(
+            "%d files have points outside the bounding box of their header (the first: %s); the points are "
+            "used where they are",
+            len(boxes),
+            region.run.index.path(min(boxes)),
+        )

@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 import logging
 import shutil
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eaves.blocks.seams import REACH, compare_heights, find_steps, shared_places
-from eaves.blocks.thinned import FEW_PER_M2
-from eaves.buildings.building_file import NUMBERS
-from eaves.buildings.edited import OwnedOrders
-from eaves.buildings.join import (
+from eaves.blocks.points import FEW_PER_M2, REACH, Heights, compare_heights, shared_places
+from eaves.buildings.building_file import NUMBERS, SavedBuildings
+from eaves.buildings.gather import (
     OwnedBuildings,
     Seam,
     assign_footprints,
@@ -24,39 +24,52 @@ from eaves.buildings.join import (
     join_regions,
     with_addresses,
 )
-from eaves.flow.refusals import copies_records
-from eaves.flow.run import Progress, Run, request_of
-from eaves.flow.step import Region, Step, ensure, results_of, squares_read, store_of
-from eaves.flow.steps import BUILDINGS, EDITED, FLOORS, REGIONS, SHARPENED, SUPERSEDED, THINNED
-from eaves.flow.tiles import (
-    Area,
-    bounds_by_tile,
-    by_tile,
-    evict,
-    given_in,
-    inputs_meeting,
-    squares_of_area,
+from eaves.flow.refusals import remark_on_copies, remark_on_steps, warn_of_wrong_boxes
+from eaves.flow.run import Progress, Run, no_progress, request_of
+from eaves.flow.step import (
+    BUILDINGS,
+    FLOORS,
+    POINTS,
+    REGIONS,
+    SHARPENED,
+    SUPERSEDED,
+    THINNED,
+    Step,
+    Work,
+    ensure,
+    inputs_in,
+    read_key,
+    results_of,
+    squares_read,
+    store_of,
 )
-from eaves.formats.whole_files import atomic
-from eaves.model import GRID_STEP, Block
+from eaves.flow.tiles import Area, GivenFootprints, bounds_by_tile, given_in, inputs_meeting, squares_of_area
+from eaves.formats import InputError
+from eaves.formats.whole_files import DiskFullError, atomic
+from eaves.model import GRID_STEP, Block, Bounds, CoordinateSystem, PointCloud
+from eaves.model.block import ring
 from eaves.recipe.recipe import Recipe
-from eaves.run.keys import NAMED, key_of
-from eaves.run.partition import (
+from eaves.run.keys import EDITED, NAMED, key_of
+from eaves.run.memory import Budget
+from eaves.run.points import (
     FileSlice,
     PartFacts,
     Window,
     file_slices,
     find_isolated_blocks,
-    key_of_part,
     keys_of_points,
-    known_parts,
-    partition_slice,
+    load_inputs,
+    load_window,
+    number_of,
 )
-from eaves.run.points import load_inputs
-from eaves.run.workers import Outcome, Workers
-from eaves.run.world_squares import ring
+from eaves.run.store import Results, Store
+from eaves.run.workers import Outcome, Workers, peak_memory_mb
+
+if TYPE_CHECKING:
+    from eaves.flow.tiles import GivenFootprints, TileRecord
 
 log = logging.getLogger("eaves")
+
 
 REQUEST = "request.json"
 """Beside the results that are kept: what the run was asked for; run.json lacks it while files are written."""
@@ -64,19 +77,155 @@ EARLIER = "earlier"
 """Folder, beside the results of a run that is updated in its place, of those that it shows until then."""
 
 
+@dataclass(eq=False)
+class Region:
+    """A run's points, and what is noted as they go through the steps."""
+
+    run: Run
+    store: Store
+    workers: Workers = field(default_factory=Workers)
+    progress: Progress = no_progress
+    failed: list[str] = field(default_factory=list)
+    peak: float = field(default_factory=peak_memory_mb)
+    budget: Budget = field(default_factory=Budget)
+    wrong_boxes: dict[int, Bounds] = field(default_factory=dict)
+    points: int = 0
+    """Of the inputs, without those that could not be read."""
+    unread: dict[int, str] = field(default_factory=dict)
+    """Inputs that could not be read to their end, by number, with the reason."""
+    parts: dict[str, PartFacts] = field(default_factory=dict)
+    """The parts of inputs that were read, by name."""
+    within: set[Block] | None = None
+    """The blocks whose points were asked for; None for all."""
+    with_points: frozenset[Block] = frozenset()
+    """Of these, those that have points, also those that hold nothing but isolated."""
+    used: frozenset[Block] = frozenset()
+    """Those that have points, without those that hold nothing but isolated."""
+    isolated: dict[Block, int] = field(default_factory=dict)
+    """Blocks left out, with the number of their points."""
+    points_keys: Mapping[str, str] = field(default_factory=dict)
+    """Block, by its name → the key of its points."""
+    ensured: dict[str, set[Any]] = field(default_factory=dict)
+    """Step, by its name → the units whose results are there."""
+    copies: dict[Block, tuple[int, ...]] = field(default_factory=dict)
+    """Blocks with identical points: how many are copies, and the ids of one and of its copy."""
+    heights: dict[Block, Heights] = field(default_factory=dict)
+    """Blocks in which inputs overlap or adjoin: differences of their heights."""
+    visits: dict[Block | None, TileRecord] = field(default_factory=dict)
+    """Tile → what was found of it; None → of a run in one piece."""
+    visited: dict[Block, str] = field(default_factory=dict)
+    """Tile → the key of what it was found from."""
+    unfinished: frozenset[Block] = frozenset()
+    """The tiles that come later."""
+    given: dict[Block, GivenFootprints] = field(default_factory=dict)
+    """Tile → the given footprints that it owns."""
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The blocks that are used, in order."""
+        return sorted(self.used)
+
+    @property
+    def shown(self) -> list[Block]:
+        """The blocks that the files show, in order."""
+        return sorted(block for visit in self.visits.values() for block in visit.blocks)
+
+    @property
+    def owners(self) -> list[Block]:
+        """The blocks that own buildings, in order."""
+        return sorted(owner for visit in self.visits.values() for owner in visit.owners)
+
+    @property
+    def blocks_read(self) -> list[Block]:
+        """The blocks that points were brought to, in order."""
+        return self.store.blocks(self.run.side)
+
+    def computes(self, step: Step, square: Block) -> bool:
+        """True if a square is a unit of a step; a block is one if it has points."""
+        return step.side is not None or square in (self.with_points if step.isolated else self.used)
+
+    def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
+        """The keys of the points of some blocks, of those that have any."""
+        keys = self.points_keys
+        more = "".join(f" {name}" for name in self.store.fields)
+        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{more}")
+        return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
+
+    @property
+    def buildings(self) -> SavedBuildings:
+        """The buildings as the files show them."""
+        return SavedBuildings(self.store)
+
+    @property
+    def system(self) -> CoordinateSystem:
+        """The reference system."""
+        return self.store.system
+
+    def results(self, step: Step, squares: Sequence[Block]) -> Results:
+        """The results of a step in those of some squares that have one."""
+        return results_of(step, self.store, squares)
+
+    def array(self, step: Step, square: Block, name: str) -> NDArray[Any]:
+        """An array of a result of a step."""
+        return self.store.array(step.name, square, name)
+
+    def inputs_of(self) -> Callable[[Step, Block], Any]:
+        """What gives all that a step follows from in a block; picklable."""
+        return partial(inputs_in, self.store, self.run)
+
+    def window(self, block: Block, reach: float) -> PointCloud:
+        """The points of a block and of its surroundings up to `reach` (m), about its corner."""
+        return load_window(self.store, block, reach).cloud
+
+    def move_to(self, folder: Path) -> None:
+        """Go on with the results that lie in a folder, or with none, and then without those there were."""
+        if not folder.exists():
+            self.store.discard()
+        self.store = replace(self.store, folder=folder, persistent=True)
+        self.store.prepare()
+
+    def correct_boxes(self) -> None:
+        """Widen the boxes of inputs to where their points were found."""
+        self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
+
+    def remark(self, *remarks: str) -> None:
+        """Say what the user must know of these inputs (`Run.with_remarks`)."""
+        self.run = self.run.with_remarks(*remarks)
+
+    def refuse(self, reason: str) -> NoReturn:
+        """End the run for its inputs' sake; nothing of it stays."""
+        self.store.discard()
+        raise InputError(reason)
+
+    def note(self, outcome: Outcome, what: str) -> None:
+        """Remember the peak memory of a task, and its error for the report.
+
+        Raises
+        ------
+        DiskFullError
+            When that was the error: there is no use in going on.
+        """
+        self.peak = max(self.peak, outcome.peak_mb)
+        if outcome.full:
+            raise DiskFullError(outcome.error)
+        if outcome.error:
+            self.failed.append(f"{what}: {outcome.error}")
+            log.error("%s", self.failed[-1])
+
+
 def open_region(run: Run, workers: Workers, progress: Progress) -> Region:
     """The region of a run, with the results that an earlier run left where they are to be kept."""
-    store, parts = store_of(run), dict[str, PartFacts]()
-    if run.options["resume"]:
-        store.prepare()
-        store.drop_damaged()
-        store.drop_records()  # nothing says that they are whole
-        parts = known_parts(store, run.index, run.side, run.window)
-    else:
-        store.discard()
-        store.prepare()
     shown = partial(show_tiles, progress) if run.by_tiles else progress
-    return Region(run, store, workers, shown, list(run.failed), points=run.index.points, parts=parts)
+    region = Region(run, store_of(run), workers, shown, list(run.failed), points=run.index.points)
+    if run.options["resume"]:
+        region.store.prepare()
+        region.store.drop_damaged()
+        region.store.drop_records()  # nothing says that they are whole
+        keep_whole_points(region)
+    else:
+        region.store.discard()
+        region.store.prepare()
+    return region
 
 
 def show_tiles(progress: Progress, step: str, done: int, total: int) -> None:
@@ -88,7 +237,7 @@ def show_tiles(progress: Progress, step: str, done: int, total: int) -> None:
 def drop_upkeep(region: Region) -> None:
     """Remove what an earlier update left: names, edits and numbers, of which a build has none."""
     folder = region.store.folder
-    for name in (NAMED, EDITED.name, EARLIER):
+    for name in (NAMED, EDITED, EARLIER):
         shutil.rmtree(folder / name, ignore_errors=True)
     (folder / NUMBERS).unlink(missing_ok=True)
 
@@ -129,66 +278,61 @@ def read_points(region: Region) -> None:
     index, numbers = run.index, np.arange(len(run.index))
     if squares is not None:
         numbers = inputs_meeting(index, bounds_by_tile(squares, run.tile_side))
-    parts = {part.name: part for part in file_slices(index, numbers)}
+    # a file that cannot be read is not tried again
+    parts = [part for part in file_slices(index, numbers) if part.number not in region.unread]
     names = None if squares is None else {square.name for square in squares}
-    todo = [part for part in parts.values() if not is_in_place(region, part, names)]
-    read = sum(mark.records for mark in region.parts.values() if mark.unread is None)
-
-    def read_more(points: int) -> None:
-        nonlocal read
-        read += points
-        region.progress("read", min(read, index.points), index.points)
-
-    tasks = [(part, key_of_part(part, store, run.side, run.window)) for part in todo]
-    window, copied = run.window, copies_records(run)
-    work: Any = partial(partition_slice, store=store, side=run.side, window=window, copied=copied)
-    workers = region.workers
-    if workers.alone or len(todo) == 1:
-        work, workers = partial(work, progress=read_more), Workers()
-    unread: dict[int, str] = {}
-    for outcome in workers.run(work, tasks):
-        records = note_part(region, todo[outcome.index], outcome, unread)
-        if workers is region.workers:
-            read_more(records)
-    for number in unread.keys() - region.unread.keys():
-        names_of = [name for name, part in parts.items() if part.number == number]
-        records = sum(region.parts[name].records for name in names_of if name in region.parts)
-        region.points -= index.count(number) - records
-    region.unread |= unread
+    for part in parts:
+        blocks = region.parts[part.name].blocks if part.name in region.parts else ()
+        if not store.has_points(part.name, (name for name in blocks if names is None or name in names)):
+            store.remove(POINTS.name, part)
+    failed = len(region.failed)
+    ensure(region, POINTS, parts)
+    broken, region.failed[failed:] = region.failed[failed:], []
+    for part in parts:
+        note_part(region, part, broken)
+    for number in numbers.tolist():
+        if number in region.unread:
+            region.failed.append(region.unread[number])
     if region.unread and len(region.unread) == len(index):
         region.refuse(next(iter(region.unread.values())))
-    region.failed += [region.unread[number] for number in map(int, numbers) if number in region.unread]
+    lost = sum(index.count(number) for number in region.unread)
+    read = (facts.records for name, facts in region.parts.items() if number_of(name) in region.unread)
+    region.points = index.points - lost + sum(read)
     region.points_keys = keys_of_points(region.parts)
-    region.run = replace(run, index=index.without_records())
-    region.budget.step("read")
+    region.run = replace(region.run, index=index.without_records())
+    region.budget.step(POINTS.name)
 
 
-def note_part(region: Region, part: FileSlice, outcome: Outcome, unread: dict[int, str]) -> int:
-    """Note what came of a part of an input, in `unread` why one could not be read; its number of records."""
-    region.budget.add("read", outcome.cpu)
-    if outcome.answer is None:
-        region.note(outcome, str(part.path))
-        unread[part.number] = region.failed.pop()
-        return 0
-    mark, box = outcome.answer
-    region.parts[part.name] = mark
-    if mark.unread is not None and part.number not in unread:
-        log.error("%s", mark.unread)
-        unread[part.number] = mark.unread
-    if box is not None:
-        region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
-    return int(mark.records)
+def note_part(region: Region, part: FileSlice, broken: Sequence[str]) -> None:
+    """Note what is known of a part of an input that was read, or of which lines say what broke it."""
+    if not region.store.has(POINTS.name, part):
+        region.parts.pop(part.name, None)
+        reasons = (line for line in broken if line.startswith(part.label))
+        region.unread.setdefault(part.number, next(reasons, f"{part.label}: could not be read"))
+        return
+    facts: PartFacts = POINTS.result(region.store, part)
+    region.parts[part.name] = facts
+    if facts.unread is not None and part.number not in region.unread:
+        log.error("%s", facts.unread)
+        region.unread[part.number] = facts.unread
+    if facts.extent is not None:
+        widened = region.wrong_boxes.get(part.number, facts.extent).union(facts.extent)
+        region.wrong_boxes[part.number] = widened
 
 
-def is_in_place(region: Region, part: FileSlice, names: Collection[str] | None) -> bool:
-    """True if the points of a part of an input are there, in the blocks of some names, or in all."""
-    mark, store = region.parts.get(part.name), region.store
-    if mark is None:
-        return part.number in region.unread  # a file that cannot be read is not tried again
-    if mark.unread is not None and part.number not in region.unread:
-        return False
-    blocks = [name for name in mark.blocks if names is None or name in names]
-    return all((store.folder / "points" / name / f"{part.name}.bin").exists() for name in blocks)
+def keep_whole_points(region: Region) -> None:
+    """Remove the points that are not those of parts of the inputs, as they were left; what was read of an
+    input to some damage is read again."""
+    store, work = region.store, Work.of(POINTS, region.run)
+    numbers = set(map(number_of, store.names(POINTS.name)))
+    places = sorted(number for number in numbers if number < len(region.run.index))
+    for part in file_slices(region.run.index, places):
+        mark = store.mark(POINTS.name, part)
+        if mark is not None and mark.read == read_key(region, work, part):
+            facts: PartFacts = POINTS.result(store, part)
+            if facts.unread is None and store.are_whole(part.name, facts.blocks):
+                region.parts[part.name] = facts
+    store.keep_points(list(map(Path, region.parts)))
 
 
 def compare_inputs(region: Region) -> None:
@@ -247,7 +391,7 @@ def may_hold_copies(region: Region, block: Block) -> bool:
     names = [path.stem for _, path in region.store.scan_files(block)]
     if any(block.name in region.parts[name].repeated for name in names if name in region.parts):
         return True
-    numbers = [int(name.split("-")[0]) for name in names]
+    numbers = list(map(number_of, names))
     if len(set(numbers)) < len(numbers) or not region.wrong_boxes.keys().isdisjoint(numbers):
         return True
     west, south, east, north = region.run.index.entries["box"][numbers].T
@@ -259,35 +403,6 @@ def may_hold_copies(region: Region, block: Block) -> bool:
         limits.south
     )
     return bool(np.triu((width > -GRID_STEP) & (height > -GRID_STEP), 1).any())
-
-
-def remark_on_copies(region: Region) -> None:
-    """Say how many points are copies of others, and of which inputs the first ones are."""
-    if not region.copies:
-        return
-    index, count = region.run.index, sum(copies[0] for copies in region.copies.values())
-    ids = region.copies[min(region.copies)][1:]
-    numbers = np.searchsorted(index.starts, ids, side="right") - 1
-    files = " and ".join(dict.fromkeys(index.path(int(number)).name for number in numbers))
-    region.remark(
-        f"{count:,} of {region.points:,} points are identical to others (the first: in {files}) and count "
-        "once: a file given twice, tiles with a buffer, or a strip copied"
-    )
-
-
-def remark_on_steps(region: Region) -> None:
-    """Say which two inputs differ most in height where they meet, and by how much."""
-    found = find_steps([region.heights[block] for block in sorted(region.heights)])
-    if not found:
-        return
-    step, *numbers, places = found[0]
-    low, high = (region.run.index.path(number).name for number in (numbers if step > 0 else numbers[::-1]))
-    others = f"; {len(found) - 1} more pairs of files differ" if len(found) > 1 else ""
-    facts = f"{abs(step):.2f} m higher than {low} where they meet (median of {places:,} places{others})"
-    region.remark(
-        f"{high} lies {facts}: a vertical step between files, as of two height systems; heights of "
-        "the results follow each file"
-    )
 
 
 def choose_points(region: Region, step: Step, units: Sequence[Block]) -> None:
@@ -335,6 +450,7 @@ def check_blocks(region: Region) -> None:
     warn_of_wrong_boxes(region)
     remark_on_copies(region)
     remark_on_steps(region)
+    region.store.evict_others(BUILDINGS.name, region.owners)
     if region.shown:
         return
     if run.index.points and not region.isolated and run.window == Window():
@@ -378,7 +494,7 @@ def join_buildings(region: Region, area: Area, done: Sequence[Block]) -> list[Ow
         plans = assign_footprints(owned.footprints, region.blocks, run.first_block, owned.lost)
     else:
         plans = with_addresses(join_regions(seams(region, done)), run.addresses)
-    region.budget.step("blocks")
+    region.budget.step(REGIONS.name)
     return [plan for plan in plans if area.holds(plan.owner_block)]
 
 
@@ -391,16 +507,7 @@ def model_plans(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     """Outlines, units, roofs and solids of the buildings of some owner blocks."""
     ensure_points(region, BUILDINGS, plans)
     ensure(region, BUILDINGS, region.workers.heaviest_first(plans, partial(size_of, region)))
-    region.budget.step("buildings")
-
-
-def model_edits(region: Region, units: Sequence[OwnedOrders]) -> None:
-    """The buildings of some owner blocks after a person's edits."""
-    for group in by_tile(region, units):
-        ensure_points(region, EDITED, group)
-        ensure(region, EDITED, group)
-        if region.run.by_tiles:
-            evict(region)
+    region.budget.step(BUILDINGS.name)
 
 
 def size_of(region: Region, plan: OwnedBuildings) -> float:
@@ -425,18 +532,6 @@ def end_region(region: Region, complete: bool) -> None:
             temporary.write_text(json.dumps(request), encoding="utf-8")
     elif complete:
         store.discard()
-
-
-def warn_of_wrong_boxes(region: Region) -> None:
-    """One warning for all files whose points lie outside the box their header states."""
-    boxes = region.wrong_boxes
-    if boxes:
-        log.warning(
-            "%d files have points outside the bounding box of their header (the first: %s); the points are "
-            "used where they are",
-            len(boxes),
-            region.run.index.path(min(boxes)),
-        )
 
 
 def import_methods(recipe: Recipe) -> None:

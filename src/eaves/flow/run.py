@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from glob import escape
 from pathlib import Path
 from typing import Any, Self, Unpack
 
@@ -18,15 +16,12 @@ from shapely.geometry.base import BaseGeometry
 
 import eaves
 from eaves.flow.advice import LOOKED_AT, ScanFacts, scan_facts
-from eaves.flow.formats import (
-    TILES,
-    check_formats,
-    classified_name,
-    copies_of_points,
-    planned_names,
-)
+from eaves.flow.formats import TILES, check_formats, classified_name, copies_of_points, planned_names
 from eaves.flow.refusals import (
     EDITS,
+    has_rasters,
+    hash_of,
+    refuse_changed,
     refuse_collisions,
     refuse_full_disk,
     refuse_no_classes,
@@ -54,16 +49,15 @@ from eaves.formats.errors import require_plots
 from eaves.formats.inputs import list_inputs
 from eaves.formats.points.converted import remarks_on
 from eaves.formats.points.las_header import LasHeader
-from eaves.formats.points.raster_cells import is_raster
 from eaves.formats.points.remote import localise
 from eaves.formats.points.source import fields_of
 from eaves.methods import DEFAULTS, MethodChoice
 from eaves.model import BLOCK_SIDE, OVERHANGS, Block, Bounds, CoordinateSystem, Failure, Footprint, Provenance
+from eaves.model.block import within
 from eaves.raster.surfaces import is_large
-from eaves.recipe.recipe import Recipe, is_named, make_recipe
-from eaves.recipe.sources import find_source
+from eaves.recipe.recipe import Recipe, find_source, is_named, make_recipe
 from eaves.run.index import LISTED_INPUTS, Index, index_inputs
-from eaves.run.lock import LOCK
+from eaves.run.manifest import LOCK
 from eaves.run.memory import parse_memory
 from eaves.run.options import (
     DECLARED,
@@ -74,9 +68,8 @@ from eaves.run.options import (
     check_options,
     kept_options,
 )
-from eaves.run.partition import Window
+from eaves.run.points import Window
 from eaves.run.store import WORK
-from eaves.run.world_squares import within
 
 log = logging.getLogger("eaves")
 
@@ -304,11 +297,9 @@ def plan_run(
     }
     asked: Any = options["bounds"]
     sides = None if asked is None else (asked.west, asked.south, asked.east, asked.north)
-    rasters = list(filter(is_raster, [inputs] if isinstance(inputs, str | Path) else inputs))
-    if options["dtm"] is not None and not rasters:
-        raise InputError(f"--dtm {options['dtm']}: no input is a raster; give a DSM (.tif), or leave it out")
-    recipe = replace(recipe, from_raster=recipe.from_raster or bool(rasters))
     dtm = None if options["dtm"] is None else Path(options["dtm"])
+    rasters = has_rasters(inputs, dtm)
+    recipe = replace(recipe, from_raster=recipe.from_raster or rasters)
     cache = Path(options["cache"] or folder / REMOTE)
     local, traffic = localise(inputs, cache, sides, polygons.get("clip"), dtm)
     paths = list_inputs(local)
@@ -331,16 +322,11 @@ def plan_run(
         index, options, read_area(polygons["clip"], index.system) if "clip" in polygons else None
     )
     remarks += filter(None, (shift_of(path, index.system) for path in polygons.values()))
-    if not options["allow_empty"]:
-        refuse_no_points(index, window, options)
+    refuse_no_points(index, window, options)
     mapped = read_map(polygons, index, window, options)
-    for name, path in polygons.items():
-        if hash_of(path) != hashes[name]:
-            raise InputError.about(path, "changed while the run was reading it", "run again")
+    refuse_changed(polygons, hashes)
     carries_edits = options["classified"] is None and (folder / EDITS).exists()
     plan = describe_plan(index, recipe, options, mapped.known, hashes)
-    if options["as_published"] and options["source"]:
-        log.info("as published: %s", find_source(options["source"]).printed)
     if options["classified"] is None and not options["overwrite"]:
         refuse_overwrite(folder, plan, planned_files(index, options), carries_edits)
     warn_of_heights(index.system, options["formats"])
@@ -424,7 +410,9 @@ def read_map(files: Mapping[str, Path], index: Index, window: Window, options: R
 
 def look_at_scan(run: Run) -> Run:
     """The run with the facts of its scan in its plan, and its remarks in the log."""
-    facts = run.facts
+    facts, source = run.facts, run.options["source"]
+    if run.options["as_published"] and source:
+        log.info("as published: %s", find_source(source).printed)
     for remark in facts.remarks():
         if remark == facts.likely_feet:
             run = run.with_remarks(remark)
@@ -583,24 +571,3 @@ def describe_plan(
         "footprint_source": None if known is None else known.describe(),
         **{name: options.get(name) for name, declared in DECLARED.items() if declared.option.recorded},
     }
-
-
-def hash_of(path: str | Path | None) -> str | None:
-    """SHA-256 of a file and of those beside it that belong to it: a shapefile is several; None for none."""
-    if path is None or not Path(path).is_file():
-        return None
-    digest, path = hashlib.sha256(), Path(path)
-    beside = [
-        sidecar
-        for sidecar in path.parent.glob(f"{escape(path.stem)}.*")
-        if sidecar.suffix.lower() in SIDECARS
-    ]
-    beside += path.parent.glob(f"{escape(path.name)}-wal")
-    for part in [path, *sorted(set(beside) - {path})]:
-        with part.open("rb") as file:
-            digest.update(hashlib.file_digest(file, "sha256").digest())
-    return digest.hexdigest()
-
-
-SIDECARS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
-"""Files whose contents are part of a shapefile's."""

@@ -1,35 +1,64 @@
 """A step as a value, and the engine: units, keys, loading, saving and the order of work of every step.
 
-A step is declared once, in `eaves.flow.steps`. Its functions get loaded values and the parameters that it
+A step is declared once, in `eaves.flow.step`. Its functions get loaded values and the parameters that it
 declares; they see no store, key or path. A reach is applied here alone.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from eaves.blocks.seams import Heights
-from eaves.flow.run import Progress, Run, no_progress
-from eaves.formats import InputError
-from eaves.formats.whole_files import DiskFullError
-from eaves.model import Block, Bounds, Failure, Footprint
-from eaves.run.clock import Budget
+from eaves.blocks.block import find_regions, find_signs, inputs_of_regions, inputs_of_signs
+from eaves.blocks.block_file import BlockFile, inputs_of_shown, show_block
+from eaves.blocks.ground import (
+    classify_block,
+    find_floor,
+    find_large,
+    find_square_decks,
+    inputs_of_decks,
+    inputs_of_floors,
+    inputs_of_ground,
+    inputs_of_large,
+)
+from eaves.blocks.points import (
+    find_sharpened,
+    find_superseded,
+    find_thinned,
+    inputs_of_sharpened,
+    inputs_of_superseded,
+    inputs_of_thinned,
+)
+from eaves.buildings.building_file import load_buildings
+from eaves.buildings.owned import inputs_of_buildings, model_buildings
+from eaves.flow.refusals import copies_records
+from eaves.flow.run import Run
+from eaves.model import Block
+from eaves.model.block import WIDE_SQUARE, ring, squares_of
+from eaves.run import keys
 from eaves.run.keys import HOME, code_digest, code_of_methods, key_of
-from eaves.run.part_file import as_arrays, load_part
-from eaves.run.partition import PartFacts
-from eaves.run.points import load_window
-from eaves.run.store import Store
-from eaves.run.workers import Outcome, Workers, peak_memory_mb
-from eaves.run.world_squares import ring, squares_of
+from eaves.run.points import (
+    SliceWriter,
+    inputs_of_points,
+    load_chosen,
+    load_files,
+    load_points,
+    load_scans,
+    load_window,
+    read_slice,
+)
+from eaves.run.store import Results, Store, as_arrays, load_part
+
+if TYPE_CHECKING:
+    from eaves.flow.region import Region
 
 log = logging.getLogger("eaves")
 
@@ -87,12 +116,12 @@ class Step:
         The step is left out where this attribute of the recipe is false.
     isolated : bool
         True if blocks with isolated points alone are units, too.
+    writes : callable or None
+        `writes(store, unit)`: takes the points that `run` puts into blocks beside its result.
     earlier : callable or None
         `earlier(path)`: an earlier result of the same code and parameters, which `run` is given, too.
-    booked : str
-        The name under which its time is booked.
-    shown : str
-        The name under which its progress is shown; empty if it is not.
+    shown : bool
+        True if its progress is shown.
     persistent : bool
         True if a run by tiles keeps its results of finished tiles.
     """
@@ -107,13 +136,13 @@ class Step:
     side: float | None = None
     needs: str = ""
     isolated: bool = False
+    writes: Callable[[Store, Any], Any] | None = None
     earlier: Callable[[Path], Any] | None = None
-    booked: str = "blocks"
-    shown: str = ""
+    shown: bool = False
     persistent: bool = False
 
-    def result(self, store: Store, square: Block) -> Any:
-        """Its result in a square, as the steps that take it are given it."""
+    def result(self, store: Store, square: Any) -> Any:
+        """Its result in a square, or of another unit, as the steps that take it are given it."""
         path = store.path(self.name, square)
         if self.load is not None:
             return self.load(path, square, store.read_points)
@@ -140,122 +169,9 @@ class Step:
         return key_of(self.name, code_digest(self.code, folder), methods, values, reaches)
 
 
-@dataclass(frozen=True, eq=False)
-class GivenFootprints:
-    """Given footprints (world metres), and the ones that cannot be modelled."""
-
-    footprints: Sequence[Footprint] = ()
-    lost: Sequence[Failure] = ()
-
-
-@dataclass(frozen=True)
-class TileRecord:
-    """Record of a finished tile, or of a whole run that has one tile."""
-
-    owners: tuple[Block, ...]
-    blocks: tuple[Block, ...]
-    """Blocks that the outputs cover."""
-    points: int = 0
-    read: tuple[Bounds, ...] = ()
-    """Extents of everything that was read for it (world metres)."""
-    key: str = ""
-    """Key of all its inputs."""
-
-
-@dataclass(eq=False)
-class Region:
-    """A run's points, and what is noted as they go through the steps."""
-
-    run: Run
-    store: Store
-    workers: Workers = field(default_factory=Workers)
-    progress: Progress = no_progress
-    failed: list[str] = field(default_factory=list)
-    peak: float = field(default_factory=peak_memory_mb)
-    budget: Budget = field(default_factory=Budget)
-    wrong_boxes: dict[int, Bounds] = field(default_factory=dict)
-    points: int = 0
-    """Of the inputs, without those that could not be read."""
-    unread: dict[int, str] = field(default_factory=dict)
-    """Inputs that could not be read to their end, by number, with the reason."""
-    parts: dict[str, PartFacts] = field(default_factory=dict)
-    """The parts of inputs that were read, by name."""
-    within: set[Block] | None = None
-    """The blocks whose points were asked for; None for all."""
-    with_points: frozenset[Block] = frozenset()
-    """Of these, those that have points, also those that hold nothing but isolated."""
-    used: frozenset[Block] = frozenset()
-    """Those that have points, without those that hold nothing but isolated."""
-    isolated: dict[Block, int] = field(default_factory=dict)
-    """Blocks left out, with the number of their points."""
-    points_keys: Mapping[str, str] = field(default_factory=dict)
-    """Block, by its name → the key of its points."""
-    ensured: dict[str, set[Any]] = field(default_factory=dict)
-    """Step, by its name → the units whose results are there."""
-    copies: dict[Block, tuple[int, ...]] = field(default_factory=dict)
-    """Blocks with identical points: how many are copies, and the ids of one and of its copy."""
-    heights: dict[Block, Heights] = field(default_factory=dict)
-    """Blocks in which inputs overlap or adjoin: differences of their heights."""
-    visits: dict[Block | None, TileRecord] = field(default_factory=dict)
-    """Tile → what was found of it; None → of a run in one piece."""
-    unfinished: frozenset[Block] = frozenset()
-    """The tiles that come later."""
-    given: dict[Block, GivenFootprints] = field(default_factory=dict)
-    """Tile → the given footprints that it owns."""
-
-    @property
-    def blocks(self) -> list[Block]:
-        """The blocks that are used, in order."""
-        return sorted(self.used)
-
-    @property
-    def shown(self) -> list[Block]:
-        """The blocks that the files show, in order."""
-        return sorted(block for visit in self.visits.values() for block in visit.blocks)
-
-    @property
-    def owners(self) -> list[Block]:
-        """The blocks that own buildings, in order."""
-        return sorted(owner for visit in self.visits.values() for owner in visit.owners)
-
-    def computes(self, step: Step, square: Block) -> bool:
-        """True if a square is a unit of a step; a block is one if it has points."""
-        return step.side is not None or square in (self.with_points if step.isolated else self.used)
-
-    def points_read(self, blocks: Sequence[Block]) -> list[tuple[str, str]]:
-        """The keys of the points of some blocks, of those that have any."""
-        keys = self.points_keys
-        more = "".join(f" {name}" for name in self.store.fields)
-        fields = ("fields", f"{self.store.has_returns}{self.store.has_classes}{more}")
-        return [fields, *((block.name, keys[block.name]) for block in blocks if block.name in keys)]
-
-    def correct_boxes(self) -> None:
-        """Widen the boxes of inputs to where their points were found."""
-        self.run = replace(self.run, index=self.run.index.with_boxes(self.wrong_boxes))
-
-    def remark(self, *remarks: str) -> None:
-        """Say what the user must know of these inputs (`Run.with_remarks`)."""
-        self.run = self.run.with_remarks(*remarks)
-
-    def refuse(self, reason: str) -> NoReturn:
-        """End the run for its inputs' sake; nothing of it stays."""
-        self.store.discard()
-        raise InputError(reason)
-
-    def note(self, outcome: Outcome, what: str) -> None:
-        """Remember the peak memory of a task, and its error for the report.
-
-        Raises
-        ------
-        DiskFullError
-            When that was the error: there is no use in going on.
-        """
-        self.peak = max(self.peak, outcome.peak_mb)
-        if outcome.full:
-            raise DiskFullError(outcome.error)
-        if outcome.error:
-            self.failed.append(f"{what}: {outcome.error}")
-            log.error("%s", self.failed[-1])
+def inputs_in(store: Store, run: Run, step: Step, block: Block) -> Any:
+    """All that a step follows from in a block."""
+    return Work.of(step, run).inputs_of(block, store)
 
 
 def store_of(run: Run) -> Store:
@@ -267,6 +183,7 @@ def store_of(run: Run) -> Store:
         system=run.index.system,
         fields=run.fields,
         persistent=bool(run.options["keep"]),
+        copies=copies_records(run),
     )
 
 
@@ -276,24 +193,6 @@ def parameter(run: Run, name: str) -> Any:
         return attrgetter(name)(run.recipe)
     options: Mapping[str, object] = run.options
     return options[name] if name in options else getattr(run, name)
-
-
-class Results(Mapping[Block, Any]):
-    """Values of some squares, each loaded when it is asked for."""
-
-    def __init__(self, load: Callable[[Block], Any], squares: Sequence[Block]) -> None:
-        self._load, self._squares = load, dict.fromkeys(squares)
-
-    def __getitem__(self, square: Block) -> Any:
-        if square not in self._squares:
-            raise KeyError(square)
-        return self._load(square)
-
-    def __iter__(self) -> Iterator[Block]:
-        return iter(self._squares)
-
-    def __len__(self) -> int:
-        return len(self._squares)
 
 
 def results_of(step: Step, store: Store, squares: Sequence[Block]) -> Results:
@@ -358,7 +257,7 @@ class Work:
         view = self.inputs_of(unit, store)
         view_key = store.key_of(self.key, view)
         mark = store.mark(step.name, home)
-        arguments = [view]
+        arguments = [view, *([] if step.writes is None else [step.writes(store, unit)])]
         if step.earlier is not None:
             same = mark is not None and mark.step == self.key
             arguments.append(step.earlier(store.path(step.name, home)) if same else None)
@@ -384,16 +283,21 @@ def ensure(region: Region, step: Step, units: Sequence[Any]) -> None:
             ensure(region, entry.source, sorted(filter(partial(region.computes, entry.source), squares)))
     tasks = []
     for unit in units:
-        files = [files_read(region, work, number, unit) for number in range(len(step.takes))]
-        read = key_of(work.key, work.side, unit, files)
-        mark = store.mark(step.name, square_of(unit))
+        read, mark = read_key(region, work, unit), store.mark(step.name, square_of(unit))
         if mark is None or mark.read != read:
             tasks.append((unit, read))
     for count, outcome in enumerate(region.workers.run(partial(work, store=store), tasks), 1):
-        region.note(outcome, f"{step.name} of {square_of(tasks[outcome.index][0]).name}")
-        region.budget.add(step.booked, outcome.cpu)
+        unit = square_of(tasks[outcome.index][0])
+        region.note(outcome, getattr(unit, "label", f"{step.name} of {unit.name}"))
+        region.budget.add(step.name, outcome.cpu)
         if step.shown:
-            region.progress(step.shown, count, len(tasks))
+            region.progress(step.name, count, len(tasks))
+
+
+def read_key(region: Region, work: Work, unit: Any) -> str:
+    """The key of the files that a step reads for a unit."""
+    files = [files_read(region, work, number, unit) for number in range(len(work.step.takes))]
+    return key_of(work.key, work.side, unit, files)
 
 
 def squares_read(run: Run, step: Step, units: Iterable[Any]) -> set[Block]:
@@ -414,3 +318,157 @@ def files_read(region: Region, work: Work, number: int, unit: Any) -> list[tuple
     if source is None:
         return region.points_read(squares)
     return region.store.found(source.name, [square for square in squares if region.computes(source, square)])
+
+
+POINTS = Step(
+    name=keys.POINTS,
+    code=keys.READING,
+    takes=(),
+    inputs_of=inputs_of_points,
+    run=read_slice,
+    reads=("side", "window", "fields"),
+    writes=SliceWriter,
+    shown=True,
+)
+"""Its units are the parts of the inputs, whose points it puts into their blocks."""
+SUPERSEDED = Step(
+    name=keys.SUPERSEDED,
+    code=(*keys.BASE, "blocks/points.py"),
+    takes=(Input(load=load_scans, rings=1),),
+    inputs_of=inputs_of_superseded,
+    run=find_superseded,
+    reads=("generations",),
+)
+THINNED = Step(
+    name=keys.THINNED,
+    code=(*keys.BASE, "blocks/points.py"),
+    takes=(Input(load=load_files),),
+    inputs_of=inputs_of_thinned,
+    run=find_thinned,
+)
+SHARPENED = Step(
+    name=keys.SHARPENED,
+    code=(*keys.BASE, "blocks/points.py"),
+    takes=(Input(load=load_chosen, rings=1),),
+    inputs_of=inputs_of_sharpened,
+    run=find_sharpened,
+    reads=("blur",),
+)
+FLOORS = Step(
+    name=keys.FLOORS,
+    code=keys.GROUND_CODE,
+    takes=(Input(load=load_points),),
+    inputs_of=inputs_of_floors,
+    run=find_floor,
+)
+LARGE = Step(
+    name=keys.LARGE,
+    code=keys.GROUND_CODE,
+    side=WIDE_SQUARE,
+    takes=(FLOORS.within("wide_buffer"),),
+    inputs_of=inputs_of_large,
+    run=find_large,
+    reads=("ground", "wide_buffer"),
+    needs="sees_wide",
+)
+DECKS = Step(
+    name=keys.DECKS,
+    code=keys.GROUND_CODE,
+    side=WIDE_SQUARE,
+    takes=(FLOORS.within("wide_buffer"), LARGE.around(0)),
+    inputs_of=inputs_of_decks,
+    run=find_square_decks,
+    reads=("wide_buffer",),
+    needs="sees_decks",
+)
+GROUND = Step(
+    name=keys.GROUND,
+    code=keys.GROUND_CODE,
+    takes=(Input(reach="ground.buffer", ids=False), LARGE.within("ground.buffer")),
+    inputs_of=inputs_of_ground,
+    run=classify_block,
+    reads=("ground", "use_classes", "ground_classes", "sees_wide"),
+    isolated=True,
+    shown=True,
+)
+SEEN = (
+    Input(reach="scene_buffer"),
+    GROUND.within("scene_buffer"),
+    LARGE.within("scene_buffer"),
+    DECKS.within("scene_buffer"),
+)
+SIGNS = Step(
+    name=keys.SIGNS,
+    code=keys.SCENES_CODE,
+    takes=SEEN,
+    inputs_of=inputs_of_signs,
+    run=find_signs,
+    reads=("detect", "scene_buffer", "sees_wide", "marks_others"),
+    needs="coloured",
+)
+REGIONS = Step(
+    name=keys.REGIONS,
+    code=keys.SCENES_CODE,
+    takes=(*SEEN, SIGNS.within("signs_buffer")),
+    inputs_of=inputs_of_regions,
+    run=find_regions,
+    load=BlockFile,
+    reads=(
+        "detect",
+        "scene_buffer",
+        "sees_wide",
+        "vegetation",
+        "marks_vegetation",
+        "marks_others",
+        "keeps_low",
+        "smallest",
+        "classes_only",
+    ),
+    shown=True,
+)
+BUILDINGS = Step(
+    name=keys.BUILDINGS,
+    code=keys.BUILDINGS_CODE,
+    takes=(REGIONS.around(1), Input(load=load_points, rings=1)),
+    inputs_of=inputs_of_buildings,
+    run=model_buildings,
+    reads=(
+        "outline",
+        "units",
+        "roof",
+        "reconstruct",
+        "lod",
+        "overhangs",
+        "keeps_low",
+        "snap_footprints",
+        "from_raster",
+    ),
+    earlier=load_buildings,
+    shown=True,
+    persistent=True,
+)
+SHOWN = Step(
+    name="shown",
+    code=(*keys.BASE, "blocks/block_file.py"),
+    takes=(REGIONS.around(0), GROUND.around(0)),
+    inputs_of=inputs_of_shown,
+    run=show_block,
+    load=BlockFile,
+    persistent=True,
+)
+"""What the files show of a block, of a run by tiles, which lets go of the other results."""
+STEPS = (
+    POINTS,
+    SUPERSEDED,
+    THINNED,
+    SHARPENED,
+    FLOORS,
+    LARGE,
+    DECKS,
+    GROUND,
+    SIGNS,
+    REGIONS,
+    BUILDINGS,
+    SHOWN,
+)
+"""In the order in which they run."""

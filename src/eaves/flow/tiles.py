@@ -12,21 +12,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.buildings.join import OwnedBuildings, block_of
+from eaves.buildings.gather import OwnedBuildings, block_of
 from eaves.flow.run import TILE_SIDE, Run
-from eaves.flow.step import GivenFootprints, Region, TileRecord, ensure, squares_read
-from eaves.flow.steps import BUILDINGS, REGIONS, SHOWN, STEPS
+from eaves.flow.step import BUILDINGS, POINTS, REGIONS, SHOWN, STEPS, ensure, squares_read
 from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.model.block import WIDE_SQUARE, ring, squares_of, squares_touching
 from eaves.run.index import Index
-from eaves.run.keys import PARTS, VISITED, code_digest, key_of
-from eaves.run.part_file import as_arrays, load_part
-from eaves.run.partition import BOX_TOLERANCE
-from eaves.run.world_squares import WIDE_SQUARE, ring, squares_of, squares_touching
+from eaves.run.keys import VISITED, code_digest, key_of
+from eaves.run.points import BOX_TOLERANCE, number_of
+from eaves.run.store import as_arrays, load_part
+
+if TYPE_CHECKING:
+    from eaves.flow.region import Region
 
 INPUT_FACTS = ("files", "inputs", "inputs_sha256", "scan")
 """What the plan says of all inputs; a tile follows from those near it."""
@@ -36,6 +38,26 @@ def tile_of(block: Block, side: float = TILE_SIDE) -> Block:
     """The tile of a side (m), a whole multiple of the block's, that a block lies in."""
     blocks = round(side / block.side)
     return Block(block.column // blocks, block.row // blocks, side)
+
+
+@dataclass(frozen=True)
+class TileRecord:
+    """Record of a finished tile, or of a whole run that has one tile."""
+
+    owners: tuple[Block, ...]
+    blocks: tuple[Block, ...]
+    """Blocks that the outputs cover."""
+    points: int = 0
+    read: tuple[Bounds, ...] = ()
+    """Extents of everything that was read for it (world metres)."""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenFootprints:
+    """Given footprints (world metres), and the ones that cannot be modelled."""
+
+    footprints: Sequence[Footprint] = ()
+    lost: Sequence[Failure] = ()
 
 
 def given_by_tile(run: Run) -> dict[Block, GivenFootprints]:
@@ -164,10 +186,10 @@ def finish_area(region: Region, area: Area, plans: Sequence[OwnedBuildings]) -> 
     ensure(region, SHOWN, shown)
     read = tuple(bounds_by_tile(region.within or set(), region.run.tile_side))
     for tile in area.tiles:
-        visit = replace(region.visits[tile], read=read, key=key_of_tile(region, tile, read))
-        region.visits[tile] = visit
+        region.visits[tile] = replace(region.visits[tile], read=read)
+        region.visited[tile] = key_of_tile(region, tile, read)
         if len(region.failed) == area.failures:
-            store.save(VISITED, tile, as_arrays(visit))
+            store.save(VISITED, tile, as_arrays(region.visits[tile]), region.visited[tile])
     evict(region)
 
 
@@ -190,16 +212,14 @@ def key_of_tile(region: Region, tile: Block, read: Sequence[Bounds]) -> str:
 
 def is_visited(region: Region, tile: Block) -> bool:
     """True if the buildings of a tile are known: visited by this run, or by one that was broken off."""
-    store, visit = region.store, region.visits.get(tile)
-    if visit is None and store.has(VISITED, tile):
-        visit = load_part(store.path(VISITED, tile))
+    store, mark = region.store, region.store.mark(VISITED, tile)
+    if tile not in region.visited and mark is not None:
+        visit: TileRecord = load_part(store.path(VISITED, tile))
         units = {BUILDINGS.name: visit.owners, SHOWN.name: visit.blocks}
-        if not all(store.has(name, unit) for name, places in units.items() for unit in places):
-            return False
-    if visit is None or visit.key != key_of_tile(region, tile, visit.read):
-        return False
-    region.visits[tile] = visit
-    return True
+        if all(store.has(name, unit) for name, places in units.items() for unit in places):
+            region.visits[tile], region.visited[tile] = visit, mark.read
+    key = region.visited.get(tile)
+    return key is not None and key == key_of_tile(region, tile, region.visits[tile].read)
 
 
 def evict(region: Region) -> None:
@@ -213,7 +233,7 @@ def evict(region: Region) -> None:
         return any(tile in region.unfinished for tile in tiles)
 
     for step in STEPS:
-        if not step.persistent:
+        if not (step.persistent or step is POINTS):
             for unit in store.units(step.name, step.side or side):
                 if not is_reached(unit.bounds):
                     store.remove(step.name, unit)
@@ -221,8 +241,8 @@ def evict(region: Region) -> None:
         if not is_reached(block.bounds):
             store.remove_points(block)
     for name in list(region.parts):
-        if not is_reached(run.index.bounds(int(name.split("-")[0]))):
-            store.remove(PARTS, Path(name))
+        if not is_reached(run.index.bounds(number_of(name))):
+            store.remove(POINTS.name, Path(name))
             del region.parts[name]
     region.within, region.ensured = set(), {}
 

@@ -11,14 +11,17 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.pieces import joined_pieces, owned_by_neighbours
-from eaves.geometry.rings import polygon_parts
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import (
+    COORDINATE_STEP,
+    joined_pieces,
+    owned_by_neighbours,
+    pieces_between,
+    polygon_parts,
+)
 from eaves.methods import ContractError, MethodChoice, resolve_method
 from eaves.model import Failure, Footprint, Integers
 from eaves.model.checks import error_line
 from eaves.model.results import BuildingPoints
-from eaves.outline.toolkit.shared_edges import welded_outlines
 from eaves.units import UnitMethod, divide_block
 
 log = logging.getLogger("eaves")
@@ -189,25 +192,12 @@ def split_block(
     polygons = [addresses[int(number)].polygon for number in members]
     walls = carried_on_walls(polygons)
     polygons += wide_parts(shapely.difference(block, shapely.union_all(polygons), grid_size=COORDINATE_STEP))
-    cuts = [block.boundary, *(polygon.boundary for polygon in polygons), *walls]
-    pieces = [
-        piece
-        for piece in shapely.get_parts(
-            shapely.polygonize([shapely.union_all(cuts, grid_size=COORDINATE_STEP)])
-        )
-        if block.covers(piece.representative_point())
-    ]
-    parts = joined_pieces(pieces, owners_of(pieces, polygons), len(polygons))
-    numbers = [number for number, part in enumerate(parts) if part is not None]
+    pieces = pieces_between(block, [*shapely.boundary(polygons), *walls])
     unclaimed = []
-    for number, part in zip(
-        numbers, welded_outlines([part for part in parts if part is not None]), strict=True
-    ):
-        plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
-        outline = shapely.orient_polygons(plain if plain.is_valid else part)
-        if number < len(members):
+    for number, outline in enumerate(joined_pieces(pieces, owners_of(pieces, polygons), len(polygons))):
+        if outline is not None and number < len(members):
             shares[int(members[number])] = addresses[int(members[number])].with_(polygon=outline)
-        else:
+        elif outline is not None:
             unclaimed.append(outline)
     return shares, unclaimed
 

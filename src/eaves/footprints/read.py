@@ -20,17 +20,9 @@ from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, la
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.transformation import datum_remark
-from eaves.formats.vectors.polygons import (
-    DEGREES,
-    list_vector_layers,
-    placing_remedy,
-    read_table,
-    text_of,
-)
+from eaves.formats.vectors.polygons import DEGREES, list_vector_layers, placing_remedy, read_table, text_of
 from eaves.formats.vectors.vector_files import VectorLayer
-from eaves.geometry.overlaps import half_shared
-from eaves.geometry.rings import polygon_parts
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP, half_shared, polygon_parts
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 
 log = logging.getLogger("eaves")

@@ -8,11 +8,10 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP, shared_rings
 from eaves.model import Footprint, Integers, Points, Values
 from eaves.outline.global_fit import GlobalFit
 from eaves.outline.toolkit.edges import edge_shift_kernel
-from eaves.outline.toolkit.shared_edges import shared_rings
 
 REACH_M = 1.5
 """Farthest that an edge moves: a wide overhang, or a map a metre off."""

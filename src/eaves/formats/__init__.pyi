@@ -31,6 +31,7 @@ from .models.meshes import SURFACES as SURFACES
 from .models.meshes import BuildingMesh as BuildingMesh
 from .models.meshes import mesh_of_solids as mesh_of_solids
 from .models.meshes import with_meshes as with_meshes
+from .models.meshes import with_solids as with_solids
 from .points.chunk import Chunk as Chunk
 from .points.classified import copied_header as copied_header
 from .points.classified import las_pieces as las_pieces

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 
 from eaves.formats.crs import pyproj_crs
+from eaves.formats.vectors.geopackage import gdal_options
 from eaves.model import PointCloud
 from eaves.model.checks import as_points, describe
 from eaves.model.cloud import GRID_STEP
@@ -131,16 +132,10 @@ def as_polygon_file(polygons: Any, name: str, keep: Path | None = None) -> Itera
 @contextmanager
 def undated() -> Iterator[None]:
     """Write GeoPackages with the date of `GEOPACKAGE_DATE`: the same content is the same bytes."""
-    import pyogrio  # late: most runs get paths
-
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
-    try:
-        with warnings.catch_warnings():  # without a system they are in that of the points
-            warnings.filterwarnings("ignore", message="'crs' was not provided")
-            yield
-    finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+    with gdal_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE}), warnings.catch_warnings():
+        # without a system they are in that of the points
+        warnings.filterwarnings("ignore", message="'crs' was not provided")
+        yield
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:

@@ -15,9 +15,10 @@ from eaves.formats.errors import InputError
 
 
 @contextmanager
-def atomic(path: str | Path) -> Iterator[Path]:
+def atomic(path: str | Path, forced: bool = True) -> Iterator[Path]:
     """A temporary path in the same folder, with the same suffixes; renamed to `path` on leaving, removed
-    on error. What bears the name is on the disk: a computer that loses its power leaves no file half-filled.
+    on error. What bears the name is on the disk: a computer that loses its power leaves no file half-filled,
+    but for those that are not `forced` there, which whoever reads them after that must check.
 
     Raises
     ------
@@ -36,7 +37,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
     temporary = workplace / target.name
     try:
         yield temporary
-        show_file(temporary, target)
+        show_file(temporary, target) if forced else os.replace(temporary, target)
     finally:
         for leftover in workplace.iterdir():
             leftover.unlink(missing_ok=True)

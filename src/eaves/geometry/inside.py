@@ -8,12 +8,68 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.geometry.components import members_kernel
 from eaves.kernels import kernel
-from eaves.model import Integers, Mask, Points, Values
+from eaves.model import Integers, Labels, Mask, Points, Values
 
-POINTS_PER_ROW = 12
-"""Mean number of points in a row of plan in which they are looked up."""
+
+@kernel
+def connected_groups_kernel(first: Integers, second: Integers, count: int) -> Integers:
+    """The group (N,) of each of `count` nodes, edges joining `first` (E,) to `second` (E,).
+
+    Groups are numbered in the order of their first nodes.
+    """
+    head = np.arange(count)
+    for edge in range(len(first)):
+        unite_kernel(head, first[edge], second[edge])
+    groups = 0
+    for node in range(count):
+        if head[node] == node:
+            head[node] = groups
+            groups += 1
+        else:  # the head of a node comes before it, and bears its number already
+            head[node] = head[head[node]]
+    return head
+
+
+@kernel
+def unite_kernel(head: Integers, a: int, b: int) -> None:
+    """Make the groups of two nodes one; following `head` (N,) leads to a group's first node, its own head."""
+    while head[a] != a:
+        head[a] = head[head[a]]
+        a = head[a]
+    while head[b] != b:
+        head[b] = head[head[b]]
+        b = head[b]
+    if a < b:
+        head[b] = a
+    else:
+        head[a] = b
+
+
+def members(group: Labels | Integers, count: int) -> list[Integers]:
+    """The numbers of the members of each of `count` groups, ascending; of group -1 there is no list."""
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.searchsorted(group[order], np.arange(count + 1)))[1:-1]
+
+
+@kernel
+def members_kernel(group: Integers, count: int) -> tuple[Integers, Integers]:
+    """The numbers (N,) of the members of `count` groups, group by group, ascending, and where those of each
+    begin (count + 1,)."""
+    first = np.zeros(count + 1, np.int64)
+    for one in group:
+        first[one + 1] += 1
+    for one in range(count):
+        first[one + 1] += first[one]
+    place, order = first[:-1].copy(), np.empty(len(group), np.int64)
+    for number in range(len(group)):
+        order[place[group[number]]] = number
+        place[group[number]] += 1
+    return order, first
+
+
+POINTS_PER_CELL = 12
+"""Mean number of points in a cell of plan in which they are looked up, and in a row of those of a polygon."""
 ROUNDING = 1e-15
 """Share of its terms by which a cross product may be wrong; nearer to zero its sign is found exactly."""
 
@@ -52,52 +108,59 @@ def inside_kernel(
     """Pairs of point and polygon (K,), (K,) that lie inside or may do so, in their order, and which are sure
     (K,).
 
-    Points at `x`, `y` (N,) are looked up by rows of plan; the edges of polygon p are `first[p]` to
+    Points at `x`, `y` (N,) are looked up by cells of plan; the edges of polygon p are `first[p]` to
     `first[p + 1]`. Counts the edges that a ray to the east of the point crosses.
     """
-    south, north = np.inf, -np.inf
+    west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(x)):
+        west, east = min(west, x[i]), max(east, x[i])
         south, north = min(south, y[i]), max(north, y[i])
-    rows = max(len(x) // POINTS_PER_ROW, 1)
-    per_m = rows / max(north - south, 1e-9)
-    order, opens = rows_kernel(y, south, per_m, rows)
+    width, height = max(east - west, 0.0), max(north - south, 0.0)
+    share = POINTS_PER_CELL / max(len(x), 1)
+    per_m = 1.0 / max(np.sqrt(width * height * share), max(width, height) * share, 1e-9)
+    columns, rows = int(width * per_m) + 1, int(height * per_m) + 1
+    cell = np.empty(len(x), np.int64)
+    for i in range(len(x)):
+        cell[i] = int((y[i] - south) * per_m) * columns + int((x[i] - west) * per_m)
+    order, opens = members_kernel(cell, rows * columns)
     room, hits = len(x) + 16, 0
     point, polygon = np.empty(room, np.int64), np.empty(room, np.int64)
-    sure = np.empty(room, np.bool_)
-    candidates, begins = np.empty(len(x), np.int64), np.empty(rows + 1, np.int64)
+    sure, candidates = np.empty(room, np.bool_), np.empty(len(x), np.int64)
     odd, border = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
     unsure = np.zeros(len(x), np.bool_)
     for number in range(len(first) - 1):
         edges = range(first[number], first[number + 1])
         if len(edges) == 0:
             continue
-        west, low, east, high = np.inf, np.inf, -np.inf, -np.inf
+        left, bottom, right, top = np.inf, np.inf, -np.inf, -np.inf
         for edge in edges:
-            west, east = min(west, start[edge, 0]), max(east, start[edge, 0])
-            low, high = min(low, start[edge, 1]), max(high, start[edge, 1])
-        if low > north or high < south:
+            left, right = min(left, start[edge, 0]), max(right, start[edge, 0])
+            bottom, top = min(bottom, start[edge, 1]), max(top, start[edge, 1])
+        if bottom > north or top < south or left > east or right < west:
             continue
+        begin, finish = int(max(left - west, 0.0) * per_m), int((min(right, east) - west) * per_m) + 1
+        lowest, highest = int(max(bottom - south, 0.0) * per_m), int((min(top, north) - south) * per_m)
         count = 0
-        lowest = min(max(int((low - south) * per_m), 0), rows - 1)
-        highest = min(max(int((high - south) * per_m), 0), rows - 1)
         for row in range(lowest, highest + 1):
-            begins[row] = count
-            for place in range(opens[row], opens[row + 1]):
+            for place in range(opens[row * columns + begin], opens[row * columns + finish]):
                 k = order[place]
-                if west <= x[k] <= east and low <= y[k] <= high:
+                if left <= x[k] <= right and bottom <= y[k] <= top:
                     candidates[count] = k
                     odd[count] = border[count] = unsure[count] = False
                     count += 1
-        begins[highest + 1] = count
+        strips = max(count // POINTS_PER_CELL, 1)
+        per_row = strips / max(top - bottom, 1e-9)
+        turn, begins = rows_kernel(y, candidates[:count], bottom, per_row, strips)
+        candidates[:count] = candidates[turn]
         for edge in edges:
             ax, ay, bx, by = start[edge, 0], start[edge, 1], end[edge, 0], end[edge, 1]
             low, high = min(ay, by), max(ay, by)
-            right = max(ax, bx)
-            since = begins[min(max(int((low - south) * per_m), lowest), highest)]
-            until = begins[min(max(int((high - south) * per_m), lowest), highest) + 1]
+            farthest = max(ax, bx)
+            since = begins[min(int((low - bottom) * per_row), strips - 1)]
+            until = begins[min(int((high - bottom) * per_row), strips - 1) + 1]
             for k in range(since, until):
                 px, py = x[candidates[k]], y[candidates[k]]
-                if px > right or py < low or py > high:
+                if px > farthest or py < low or py > high:
                     continue
                 if (px == bx and py == by) or (low == high and px >= min(ax, bx)):
                     border[k] = True
@@ -128,11 +191,14 @@ def inside_kernel(
 
 
 @kernel
-def rows_kernel(y: Values, south: float, per_m: float, rows: int) -> tuple[Integers, Integers]:
-    """The numbers (N,) of places at `y` (N,; m) row by row, so many to a metre, and where rows open."""
-    row = np.empty(len(y), np.int64)
-    for i in range(len(y)):
-        row[i] = min(max(int((y[i] - south) * per_m), 0), rows - 1)
+def rows_kernel(
+    y: Values, which: Integers, south: float, per_m: float, rows: int
+) -> tuple[Integers, Integers]:
+    """The places (K,) in `which` of some of those at `y` (N,; m), row by row, so many to a metre, and where
+    rows open."""
+    row = np.empty(len(which), np.int64)
+    for i in range(len(which)):
+        row[i] = min(int((y[which[i]] - south) * per_m), rows - 1)
     order, opens = members_kernel(row, rows)
     return order, opens
 

@@ -9,19 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.ground.toolkit.floor import Floor
-from eaves.ground.toolkit.outliers import find_outliers
+from eaves.ground.toolkit.seeds import find_outliers
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.kernels import kernel
-from eaves.methods import (
-    Emit,
-    Method,
-    MethodChoice,
-    check_returned,
-    emitter,
-    ignore,
-    naming,
-    resolve_method,
-)
+from eaves.methods import Emit, Method, MethodChoice, check_returned, emitter, ignore, naming, resolve_method
 from eaves.model import (
     GROUND,
     HIGH_NOISE,

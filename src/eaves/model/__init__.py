@@ -1,6 +1,5 @@
 """The nouns that flow, and the constants of their fields."""
 
-from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Rectangle, Values
 from eaves.model.block import BLOCK_SIDE, SEAM, Block, Bounds
 from eaves.model.building import (
     GROUND_SURFACE,
@@ -20,6 +19,7 @@ from eaves.model.building import (
     RoofPlane,
     Solid,
 )
+from eaves.model.checks import Grid, Integers, Labels, Mask, Points, Rectangle, Values
 from eaves.model.cloud import (
     BRIDGE_DECK,
     BUILDING,
@@ -37,10 +37,8 @@ from eaves.model.cloud import (
     WIRE_TOWER,
     PointCloud,
 )
-from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
-from eaves.model.doubt import Doubt
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
-from eaves.model.scene import Raster, Regions, Scene
+from eaves.model.coordinates import LOCAL_METRES, NOTHING_KNOWN, CoordinateSystem, Provenance
+from eaves.model.scene import Doubt, Raster, Regions, Scene
 
 __all__ = [
     "BLOCK_SIDE",

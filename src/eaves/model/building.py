@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.model.arrays import Integers, Pictured, Points, Values
+from eaves.model.checks import Integers, Pictured, Points, Values
 
 if TYPE_CHECKING:
     from shapely import Polygon

@@ -11,7 +11,32 @@ from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.validation import explain_validity
 
+from eaves.extensions import imported
+
 log = logging.getLogger("eaves")
+
+Points = NDArray[np.float64]
+"""(N, 3) x, y, z: east, north, up; metres about a local origin."""
+Mask = NDArray[np.bool_]
+"""(N,) or (H, W) truth values."""
+Labels = NDArray[np.int32]
+"""(N,) or (H, W) labels; 0 means none."""
+Values = NDArray[np.float64]
+"""(N,) numbers."""
+Integers = NDArray[np.int64]
+"""(N,) whole numbers: places, counts, vertices of faces."""
+Grid = NDArray[np.float32]
+"""(H, W) raster values, row 0 north, NaN where missing."""
+Rectangle = tuple[float, float, float, float]
+"""West, south, east, north, in the units of a file."""
+
+
+class Pictured:
+    """A value that shows itself in a notebook, drawn by `eaves.report.pictures`."""
+
+    def _repr_html_(self) -> str:
+        return str(imported("eaves.report.pictures:as_html")(self))
+
 
 SIZE = np.dtype(np.float64).itemsize
 DIGITS_LOST = 0.001

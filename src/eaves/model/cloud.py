@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model.arrays import Integers, Mask, Pictured, Points, Values
 from eaves.model.block import BLOCK_SIDE, Block, Bounds, extremes
-from eaves.model.checks import as_points, check_lengths
+from eaves.model.checks import Integers, Mask, Pictured, Points, Values, as_points, check_lengths
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
 
 if TYPE_CHECKING:

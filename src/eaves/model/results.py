@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model.arrays import Integers, Labels, Mask, Points, Values
 from eaves.model.block import Block, Bounds
 from eaves.model.building import BuildingModel, Failure, Footprint
-from eaves.model.doubt import Doubt
-from eaves.model.scene import WALL, Raster
+from eaves.model.checks import Integers, Labels, Mask, Points, Values
+from eaves.model.scene import WALL, Doubt, Raster
 
 
 @dataclass(frozen=True, eq=False)

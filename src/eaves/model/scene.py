@@ -10,10 +10,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model.arrays import Grid, Integers, Labels, Mask, Pictured, Points, Values
 from eaves.model.block import Bounds
+from eaves.model.checks import Grid, Integers, Labels, Mask, Pictured, Points, Values
 from eaves.model.cloud import PointCloud
-from eaves.model.doubt import Doubt
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A place that deserves a look, and why.
+
+    Parameters
+    ----------
+    x, y : float
+        Its middle: metres about the origin of what carries the doubt.
+    area_m2 : float
+        Its size (m²).
+    reason : str
+        What the scan does not decide, in words.
+    stage : str
+        The stage that met it.
+
+    Examples
+    --------
+    >>> from eaves.model import Doubt
+    >>> Doubt(1.0, 2.0, 30.0, "half of the rim continues the terrain", "detect").translated(10.0, 0.0).x
+    11.0
+    """
+
+    x: float
+    y: float
+    area_m2: float
+    reason: str
+    stage: str
+
+    def translated(self, east: float, north: float) -> Doubt:
+        """The same doubt about an origin that lies so far (m) to the west and south.
+
+        Parameters
+        ----------
+        east, north : metres that are added to the place.
+
+        Returns
+        -------
+        Doubt
+            With the place moved and all else the same.
+        """
+        return replace(self, x=self.x + east, y=self.y + north)
+
 
 ROOF, WALL, TREE, NOISE, DOUBTFUL = 1, 2, 3, 4, 5
 """Codes of `Regions.part` and of the extra dimension `part` of classified.laz; 0 is none of them. Doubtful

@@ -7,11 +7,21 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from rasterio import Affine, features
 from shapely import Polygon
 
 from eaves.kernels import kernel
 from eaves.model import Bounds, Doubt, Grid, Integers, Mask, Points, Raster, Values
+
+TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE, UNKNOWN = 1, 2, 3, 255
+
+
+def agreement_codes(result: Mask, reference: Mask) -> NDArray[np.uint8]:
+    """The code of each cell of a result and a reference (H, W); 0 where neither has anything."""
+    codes = [TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE]
+    return np.select([result & reference, reference, result], codes).astype(np.uint8)
+
 
 EMPTY = -1
 """In a grid of point numbers: a cell without points."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from eaves.detect import Detector
 from eaves.detect.stage import MIN_AREA_M2, MIN_HEIGHT_M
+from eaves.extensions import SOURCES, imported, installed
 from eaves.ground import GroundMethod
-from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
+from eaves.methods import DEFAULTS, Method, MethodChoice, method_class, resolve_method
 from eaves.model import (
     BRIDGE_DECK,
     BUILDING,
@@ -28,12 +31,146 @@ from eaves.model import (
 )
 from eaves.outline import OutlineMethod
 from eaves.raster.blur import height_kept
-from eaves.recipe.sources import find_source, with_source
 from eaves.reconstruct import Reconstructor
 from eaves.reconstruct.overhangs import OverhangRules
 from eaves.roof import RoofMethod
-from eaves.surroundings.vegetation import VegetationRules
+from eaves.surroundings.wires import VegetationRules
 from eaves.units import UnitMethod
+
+
+@dataclass(frozen=True)
+class PublishedSource:
+    """One published system: the method of each stage, and the level of detail it ends at.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    paper : str
+        Key in references.bib.
+    title : str
+        Of the paper.
+    delivers : str
+        What comes out, in words.
+    methods : mapping
+        Stage to the name of its method.
+    lod : str
+        The level of detail it ends at.
+
+    Examples
+    --------
+    >>> from eaves.recipe.recipe import find_source
+    >>> find_source("xiao2014").lod
+    '2.2'
+    """
+
+    name: str
+    paper: str
+    title: str
+    delivers: str
+    methods: Mapping[str, str]
+    lod: str
+
+    @property
+    def cited(self) -> dict[str, str]:
+        """Name, key in references.bib and title: what a run notes of its source."""
+        return {"name": self.name, "paper": self.paper, "title": self.title}
+
+    @property
+    def printed(self) -> str:
+        """What its paper prints, in one line: all that running it as published can take from it."""
+        classes = {stage: method_class(stage, name) for stage, name in self.methods.items()}
+        count = {
+            stage: sum(note["printed_in"] is not None for note in cls.declared().values())
+            for stage, cls in classes.items()
+            if cls.paper == self.paper
+        }
+        numbers = ", ".join(f"{number} of {stage}" for stage, number in count.items() if number)
+        numbers_text = f"numbers of its paper: {numbers}" if numbers else "its paper prints no number"
+        ours = [name for stage, name in self.methods.items() if classes[stage].paper != self.paper]
+        beside = f"; ours as it is: {', '.join(ours)}" if ours else ""
+        return f"{numbers_text}; what is ours and can be off is off{beside}"
+
+    @property
+    def steps(self) -> list[tuple[str, str, dict[str, Any]]]:
+        """Stage, words and parameters of each step that a parameter leaves out."""
+        deviations = []
+        for stage, name in self.methods.items():
+            deviations += [(stage, step, off) for step, off in method_class(stage, name).steps().items()]
+        return deviations
+
+
+@cache
+def sources() -> dict[str, PublishedSource]:
+    """Name → source, of those that installed packages bring by entry points of the group `eaves.sources`.
+    What a document leaves open (an outline, a ground filter) takes what is nearest to it."""
+    return {name: imported(place) for name, place in installed(SOURCES).items()}
+
+
+def find_source(name: str) -> PublishedSource:
+    """The source of a name.
+
+    Parameters
+    ----------
+    name : str
+        One of `sources()`.
+
+    Returns
+    -------
+    PublishedSource
+        Its methods and the level of detail it ends at.
+
+    Raises
+    ------
+    ValueError
+        When there is none of that name; it lists those there are.
+
+    Examples
+    --------
+    >>> from eaves.recipe.recipe import find_source
+    >>> find_source("xiao2014").methods["ground"]
+    'smooth_region'
+    """
+    if name not in sources():
+        raise ValueError(f"unknown source '{name}'; choose one of: {', '.join(sources())}")
+    return sources()[name]
+
+
+def with_source(name: str, methods: Mapping[str, MethodChoice] | None) -> dict[str, MethodChoice]:
+    """The methods of a source by stage, under those that are given.
+
+    Parameters
+    ----------
+    name : str
+        One of `sources()`.
+    methods : mapping or None
+        A method, its name or a table of parameters by stage; what is named here goes before the source's.
+
+    Returns
+    -------
+    dict
+        By stage.
+
+    Raises
+    ------
+    ValueError
+        When there is no source of that name.
+
+    Examples
+    --------
+    >>> from eaves.recipe.recipe import with_source
+    >>> with_source("chen_sun", {"outline": "global_fit"})["outline"]
+    'global_fit'
+    """
+    chosen: dict[str, MethodChoice] = dict(find_source(name).methods)
+    for stage, choice in (methods or {}).items():
+        method = chosen.get(stage)
+        if isinstance(choice, Mapping) and "method" not in choice and isinstance(method, str):
+            chosen[stage] = {"method": method, **choice}
+        elif choice is not None:
+            chosen[stage] = choice
+    return chosen
+
 
 LARGEST_CLASS = 255
 """One byte holds a class."""
@@ -190,7 +327,7 @@ def make_recipe(
         By stage (`ground`, `detect`, `outline`, `units`, `roof`, `reconstruct`): a method, its name, or a
         table of its parameters with its name under `method`. The name `off` leaves blocks whole (`units`).
     source : str or None
-        One of the published systems (`eaves.recipe.sources`): its chain is used where no method is given.
+        One of the published systems (`eaves.recipe.recipe`): its chain is used where no method is given.
     published : bool
         Methods given by name take the numbers that their papers print, with a source those of its own paper
         alone, and leave out what these do not have; so do the classes of vegetation, water, wires and decks,

@@ -16,8 +16,7 @@ from eaves.figures.attributes import (
     describe_roof,
     surface_heights,
 )
-from eaves.geometry.components import members_kernel
-from eaves.geometry.inside import points_in_polygons
+from eaves.geometry.inside import members_kernel, points_in_polygons
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import (

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import warnings
-from collections.abc import Collection
+from array import array
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,21 +14,292 @@ import numpy as np
 import rasterio
 import shapely
 from numpy.typing import NDArray
-from rasterio.enums import Resampling
-from rasterio.errors import NotGeoreferencedWarning
+from pyproj import Transformer
+from pyproj.exceptions import ProjError
+from rasterio.enums import ColorInterp, Resampling
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.io import MemoryFile
+from rasterio.transform import Affine
+from rasterio.vrt import WarpedVRT
+from rasterio.warp import transform_bounds
 from rasterio.windows import from_bounds
 from shapely import MultiPolygon, Polygon
 
-from eaves.formats import InputError, iter_cityjson, read_polygons
-from eaves.formats.crs import parse_crs, system_of
+from eaves.formats import CityObject, InputError, iter_cityjson, read_polygons
+from eaves.formats.crs import describe_system, horizontal_crs, parse_crs, system_of
 from eaves.formats.models.meshes import SURFACES
-from eaves.geometry.roof_fit import RoofFaces, fit_roof
-from eaves.model import LOCAL_METRES, LODS, Bounds, CoordinateSystem, Integers, Mask, Points, Raster, Values
+from eaves.geometry.face_table import FaceTable, RoofFaces, fit_roof
+from eaves.model import (
+    LOCAL_METRES,
+    LODS,
+    NO_PLANE,
+    Bounds,
+    CoordinateSystem,
+    Integers,
+    Mask,
+    Points,
+    Raster,
+    Values,
+)
 from eaves.model.scene import ROOF
-from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points
-from eaves.report.surfaces import CityFaces, collect_city_faces, in_pieces
 from eaves.run.manifest import read_facts
+
+PIXELS = 2048
+"""Longest side of the image: what graphics of any computer hold."""
+BYTES = 1_200_000
+"""The image is made coarser until it is no larger."""
+QUALITY = 82
+"""Of the JPEG: below 80 roofs get visible squares, above 90 it doubles in size."""
+BEYOND = 190
+"""Grey where the image shows nothing."""
+WORLD_RADIUS = 6_378_137.0
+"""Of the sphere of web mercator (m)."""
+CUT = (2, 98)
+"""Percentiles that become black and white in images of more than 8 bits."""
+
+
+@dataclass(frozen=True)
+class Basemap:
+    """A JPEG of `width` by `height` pixels over a rectangle (world metres), and the name of its file."""
+
+    jpeg: bytes
+    width: int
+    height: int
+    bounds: Bounds
+    name: str
+
+    @property
+    def address(self) -> str:
+        """The image in an address, for a page that is one file."""
+        return "data:image/jpeg;base64," + base64.b64encode(self.jpeg).decode("ascii")
+
+
+def read_basemap(path: str | Path, system: CoordinateSystem, bounds: Bounds) -> Basemap:
+    """The part of an image over `bounds` (world metres), warped to a run's system, within `BYTES`.
+
+    Raises
+    ------
+    InputError
+        When it is no image, it or the run has no reference system, or it shows nothing of the rectangle.
+    """
+    path, target = Path(path), horizontal_crs(system)
+    if target is None:
+        raise InputError.about(path, "the run has no reference system to lay it in", "build it with --crs")
+    unit = system.horizontal_unit_m
+    sides = tuple(side / unit for side in (bounds.west, bounds.south, bounds.east, bounds.north))
+    wkt = target.to_wkt()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        try:
+            with rasterio.open(path) as image:
+                if not image.crs:
+                    remedy = "give it one with gdal_edit.py -a_srs"
+                    raise InputError.about(path, "has no reference system", remedy)
+                covered = transform_bounds(image.crs, wkt, *image.bounds)
+                refuse_elsewhere(path, covered, sides, system)
+                cell = np.sqrt(
+                    (covered[2] - covered[0]) * (covered[3] - covered[1]) / image.width / image.height
+                )
+                longest = max(sides[2] - sides[0], sides[3] - sides[1])
+                pixels = min(PIXELS, max(1, round(longest / cell)))
+                while True:
+                    shape = image_shape(sides, pixels)
+                    colours, valid = warped(image, wkt, sides, shape)
+                    if not valid.any():
+                        refuse_elsewhere(path, (0.0, 0.0, 0.0, 0.0), sides, system)
+                    jpeg = as_jpeg(np.where(valid, colours, np.uint8(BEYOND)))
+                    if len(jpeg) <= BYTES or pixels <= 64:
+                        return Basemap(jpeg, shape[1], shape[0], bounds, path.name)
+                    pixels = int(pixels * min(0.9, 0.97 * np.sqrt(BYTES / len(jpeg))))
+        except RasterioError:
+            raise InputError.about(path, "is not an image that can be read", "give a GeoTIFF") from None
+
+
+def fit_web_mercator(
+    system: CoordinateSystem, origin: tuple[float, float], reach: float
+) -> list[list[float]] | None:
+    """Polynomials that place a point on the square of web mercator (0 to 1 from the west, and from the
+    north): the coefficients of 1, x, y, x², xy, y² of each, x and y being metres about `origin` up to
+    `reach`. None where the reference system has no place on Earth."""
+    crs = horizontal_crs(system)
+    if crs is None:
+        return None
+    x, y = (side.ravel() for side in np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 2))
+    plane = (np.column_stack([x, y]) * reach + origin) / system.horizontal_unit_m
+    try:
+        move = Transformer.from_crs(crs, "EPSG:3857", always_xy=True)
+    except ProjError:
+        return None
+    world = np.column_stack(move.transform(*plane.T)) / (2 * np.pi * WORLD_RADIUS)
+    if not np.isfinite(world).all():
+        return None
+    terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    solution = np.linalg.lstsq(terms, 0.5 + world * [1.0, -1.0], rcond=None)[0]
+    return list((solution.T / reach ** np.array([0, 1, 1, 2, 2, 2])).tolist())
+
+
+def image_shape(sides: tuple[float, ...], pixels: int) -> tuple[int, int]:
+    """Rows and columns of square pixels over a rectangle, the longest side of so many."""
+    west, south, east, north = sides
+    cell = max(east - west, north - south) / pixels
+    return max(1, round((north - south) / cell)), max(1, round((east - west) / cell))
+
+
+def refuse_elsewhere(
+    path: Path, covered: tuple[float, ...], sides: tuple[float, ...], system: CoordinateSystem
+) -> None:
+    """Raise when two rectangles of a run's system do not meet."""
+    west, south, east, north = covered
+    if west < sides[2] and sides[0] < east and south < sides[3] and sides[1] < north:
+        return
+    shown, extent = (",".join(f"{side:.0f}" for side in rectangle) for rectangle in (covered, sides))
+    raise InputError.about(
+        path,
+        f"shows nothing of the run: {shown} in {describe_system(system)}, which lies in {extent}",
+        "give an image of the place",
+    )
+
+
+def warped(
+    image: Any, wkt: str, sides: tuple[float, ...], shape: tuple[int, int]
+) -> tuple[NDArray[np.uint8], Mask]:
+    """Colours (3, H, W) of an open image over a rectangle, and where it has any (H, W)."""
+    paletted = image.colorinterp[0] == ColorInterp.palette
+    way = Resampling.nearest if paletted else Resampling.average
+    (west, south, east, north), (rows, columns) = sides, shape
+    transform = Affine((east - west) / columns, 0.0, west, 0.0, (south - north) / rows, north)
+    grid: dict[str, Any] = {"transform": transform, "width": columns, "height": rows}
+    alpha = image.nodata is None and ColorInterp.alpha not in image.colorinterp
+    with WarpedVRT(image, crs=wkt, resampling=way, add_alpha=alpha, **grid) as view:
+        covered = np.asarray(view.dataset_mask() > 0)
+        bands = view.read([1, 2, 3] if image.count >= 3 else [1])
+    if paletted:
+        table = np.full((256, 3), BEYOND, np.uint8)
+        for number, colour in image.colormap(1).items():
+            table[number] = colour[:3]
+        bands = np.moveaxis(table[bands[0]], -1, 0)
+    if bands.dtype != np.uint8:
+        low, high = np.percentile(bands[:, covered], CUT) if covered.any() else (0.0, 1.0)
+        share = (bands.astype(np.float64) - low) / max(float(high - low), 1e-9)
+        bands = np.round(255 * np.clip(np.nan_to_num(share), 0.0, 1.0)).astype(np.uint8)
+    return np.broadcast_to(bands, (3, *shape)), covered
+
+
+def as_jpeg(colours: NDArray[np.uint8]) -> bytes:
+    """Colours (3, H, W) as JPEG."""
+    _, rows, columns = colours.shape
+    profile = {"driver": "JPEG", "width": columns, "height": rows, "count": 3, "dtype": "uint8"}
+    with MemoryFile() as memory:
+        with memory.open(**profile, quality=QUALITY) as file:
+            file.write(colours)
+        return bytes(memory.read())
+
+
+UNKNOWN_ERROR = 65535
+"""RMSE (mm) of a face that no points are known of: the largest whole number of two bytes."""
+PIECE_FACES = 4000
+"""So many faces are cut into triangles at a time, which takes some 40 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class CityFace:
+    """A face: its rings (M, 3), outer first, the building's number among those given, its level of detail and
+    its kind as numbers in `LODS` and `SURFACES`, and the RMSE (mm) of its points, `UNKNOWN_ERROR` without.
+    """
+
+    rings: tuple[Points, ...]
+    building: int
+    lod: int
+    kind: int
+    error: int = UNKNOWN_ERROR
+
+
+@dataclass(frozen=True, eq=False)
+class CityFaces:
+    """Many faces in a few arrays, a tenth of what they take as objects: a table of them, and of each
+    `building`, `lod`, `kind` and `error` (F,) as in `CityFace`.
+    """
+
+    table: FaceTable
+    building: Integers
+    lod: Integers
+    kind: Integers
+    error: Integers
+
+    @classmethod
+    def of(cls, faces: Iterable[CityFace]) -> CityFaces:
+        """The faces, taken one by one."""
+        pile = _Pile()
+        for face in faces:
+            for ring in face.rings:
+                pile.corners.frombytes(np.asarray(ring, np.float64).tobytes())
+                pile.rings.append(len(ring))
+            pile.counts.append(len(face.rings))
+            pile.figures.extend((face.building, face.lod, face.kind, face.error))
+        return pile.as_faces()
+
+    def __len__(self) -> int:
+        return len(self.building)
+
+    def take(self, which: Mask) -> CityFaces:
+        """The faces where the mask (F,) is true."""
+        figures = (values[which] for values in (self.building, self.lod, self.kind, self.error))
+        return CityFaces(self.table.take(which), *figures)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pile:
+    """Faces on the way into arrays: their corners, the sizes of their rings, how many rings each has, and its
+    building, level of detail, kind and error."""
+
+    corners: array[float] = field(default_factory=lambda: array("d"))
+    rings: array[int] = field(default_factory=lambda: array("q"))
+    counts: array[int] = field(default_factory=lambda: array("q"))
+    figures: array[int] = field(default_factory=lambda: array("q"))
+
+    def as_faces(self) -> CityFaces:
+        """The faces gathered."""
+        corners = np.array(self.corners, np.float64).reshape(-1, 3)
+        figures = np.array(self.figures, np.int64).reshape(-1, 4).T.copy()
+        return CityFaces(
+            FaceTable(corners, np.array(self.rings, np.int64), np.array(self.counts, np.int64)), *figures
+        )
+
+
+def in_pieces(faces: CityFaces, size: int = PIECE_FACES) -> Iterator[CityFaces]:
+    """The faces, so many at a time."""
+    number = np.arange(len(faces))
+    for first in range(0, len(faces), size):
+        yield faces.take((number >= first) & (number < first + size))
+
+
+def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> CityFaces:
+    """The faces of solids of the buildings whose ids `numbers` holds; a part's belong to its building."""
+    pile = _Pile()
+    for item in objects:
+        building = numbers.get(item.parents[0] if item.parents else item.id)
+        if building is None:
+            continue
+        for geometry in item.geometries:
+            if geometry.lod not in LODS[1:]:
+                continue
+            errors = [whole_millimetres(about.get("rmse_m")) for about in geometry.surfaces]
+            for shell in (shell for shells in geometry.solids for shell in shells):
+                pile.corners.frombytes(item.vertices[shell.corners].tobytes())
+                pile.rings.extend(shell.ring_sizes.tolist())
+                pile.counts.extend(shell.ring_counts.tolist())
+                for surface, plane in zip(shell.surfaces.tolist(), shell.planes.tolist(), strict=True):
+                    kind = SURFACES.index(surface) if surface in SURFACES else 0
+                    error = UNKNOWN_ERROR if plane == NO_PLANE else errors[plane]
+                    pile.figures.extend((building, LODS.index(geometry.lod), kind, error))
+    return pile.as_faces()
+
+
+def whole_millimetres(error: float | None) -> int:
+    """An RMSE (m) as `CityFace` has it."""
+    return UNKNOWN_ERROR if error is None else min(round(1000.0 * error), UNKNOWN_ERROR - 1)
+
 
 POINTS_SHOWN = 300_000
 BUILDINGS_SHOWN = 4_000

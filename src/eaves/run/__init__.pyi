@@ -1,9 +1,9 @@
-from .lock import lock_folder as lock_folder
 from .manifest import MANIFEST as MANIFEST
 from .manifest import add_to_manifest as add_to_manifest
 from .manifest import begin_manifest as begin_manifest
 from .manifest import end_manifest as end_manifest
 from .manifest import files_of_run as files_of_run
+from .manifest import lock_folder as lock_folder
 from .manifest import read_facts as read_facts
 from .manifest import read_manifest as read_manifest
 from .manifest import set_aside as set_aside
@@ -11,4 +11,3 @@ from .manifest import work_of_persons as work_of_persons
 from .options import RunOptions as RunOptions
 from .points import load_window as load_window
 from .workers import Workers as Workers
-from .world_squares import squares_of as squares_of

@@ -36,7 +36,10 @@ HOME = Path(__file__).parents[1]
 
 BASE = ("kernels.py", "methods.py", "model", "geometry", "raster", "run")
 """The code under every step: nouns, plain operations, and how points and results are kept and loaded."""
-READING = ("formats", "model", "run")
+READING = (
+    *(*BASE, "formats/points", "formats/inputs.py", "formats/crs.py", "formats/statements.py"),
+    "formats/transformation.py",
+)
 """The code that reads points."""
 GROUND_CODE = (*BASE, "blocks/ground.py", "ground/stage.py", "ground/toolkit", "surroundings")
 SCENES_CODE = (*GROUND_CODE, "blocks/block.py", "blocks/block_file.py", "detect/stage.py", "detect/toolkit")
@@ -122,13 +125,14 @@ def path_of_method(module: str) -> str:
     return "/".join(names[:-1]) if len(names) > 2 else "/".join(names) + ".py"
 
 
-SUPERSEDED, THINNED, SHARPENED = "superseded", "thinned", "sharpened"
+POINTS, SUPERSEDED, THINNED, SHARPENED = "points", "superseded", "thinned", "sharpened"
 FLOORS, LARGE, DECKS = "floors", "large", "decks"
 GROUND, SIGNS, REGIONS, BUILDINGS = "ground", "signs", "regions", "buildings"
-"""Names of the steps whose results are kept; `eaves.flow.steps` is their table."""
-PARTS, VISITED, CLASSIFIED = "parts", "visited", "classified"
-"""Names of what is known by keys like theirs: parts of inputs that were read, tiles that are finished, files
-of classified points."""
+"""Names of the steps whose results are kept; `eaves.flow.step` is their table."""
+VISITED, CLASSIFIED = "visited", "classified"
+"""Names of what is known by marks like theirs: tiles that are finished, files of classified points."""
+UNKEYED = {"keyed": False}
+"""Metadata of a field of a data class that decides nothing: it is in no key."""
 NAMED, EDITED = "named", "edited"
 """Layers over the buildings found: of those that an update gave their ids and versions, and of those that
 edits are of."""
@@ -184,7 +188,8 @@ def _feed(digest: hashlib._Hash, value: Any) -> None:
     elif is_dataclass(value):
         digest.update(type(value).__name__.encode())
         for field in fields(value):
-            _feed(digest, getattr(value, field.name))
+            if field.metadata != UNKEYED:
+                _feed(digest, getattr(value, field.name))
     elif isinstance(value, list | tuple):
         digest.update(f"{len(value)}(".encode())
         for item in value:

@@ -2,27 +2,218 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import logging
+import math
 import os
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from datetime import date, datetime, time, timedelta
+from functools import partial
 from pathlib import Path
+from struct import Struct
 from typing import Any, Protocol
+from zlib import crc32
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import InputError
+from eaves.formats.whole_files import atomic
 from eaves.model import Block, CoordinateSystem
-from eaves.run.keys import PARTS, SHARPENED, SUPERSEDED, THINNED, Mark, key_of
-from eaves.run.part_file import PartFile, is_whole_part, save_part
+from eaves.run.keys import POINTS, SHARPENED, SUPERSEDED, THINNED, Mark, key_of
 
 log = logging.getLogger("eaves")
 
+TIMES = {cls.__name__: cls for cls in (datetime, date, time)}
+MARK = "~"
+"""Key of an object that stands for something JSON has no word for."""
+HEAD = Struct("<I")
+"""Before a value: how many bytes are its JSON; its arrays lie behind."""
+TABLE = Struct("<II")
+"""At the head of a part: how many bytes are its table, and their checksum."""
+JSON_TYPES = frozenset((type(None), str, bool, int, float))
+
+
+def save_part(path: Path, arrays: Mapping[str, NDArray[Any]], forced: bool = True) -> dict[str, list[Any]]:
+    """Write arrays by name, whole or not at all, `forced` to the disk or not; type, shape, checksum and place
+    of each, by its name.
+
+    Raises
+    ------
+    ValueError
+        When an array holds objects.
+    """
+    pieces, table, place = [], {}, 0
+    for name, array in arrays.items():
+        if array.dtype.hasobject:
+            raise ValueError(f"{name} holds objects, which a part never does")
+        pieces.append(np.ascontiguousarray(array).data)
+        table[name] = [array.dtype.str, array.shape, crc32(pieces[-1]), place]
+        place += array.nbytes
+    text = json.dumps(table).encode()
+    with atomic(path, forced) as temporary, temporary.open("wb") as file:
+        file.write(TABLE.pack(len(text), crc32(text)) + text)
+        file.writelines(pieces)
+    return table
+
+
+class PartFile(Mapping[str, NDArray[Any]]):
+    """The arrays of a part by name, each read when it is asked for.
+
+    Raises
+    ------
+    ValueError
+        When the file is no part; of an array, when the file is cut off.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as file:
+            length, checksum = TABLE.unpack(file.read(TABLE.size).ljust(TABLE.size, b"\0"))
+            text = file.read(length)
+        if not length or crc32(text) != checksum:
+            raise ValueError(f"{path} is no part of a run, or a damaged one")
+        self.path, self.start = path, TABLE.size + length
+        self.table: dict[str, list[Any]] = json.loads(text)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        kind, shape, _, place = self.table[name]
+        return np.fromfile(self.path, kind, math.prod(shape), offset=self.start + place).reshape(shape)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.table)
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def mapped(self, name: str) -> NDArray[Any]:
+        """An array of which no more is read than is looked at; one that is empty is refused."""
+        kind, shape, _, place = self.table[name]
+        return np.asarray(np.memmap(self.path, kind, "c", self.start + place, tuple(shape)))
+
+
+def as_arrays(result: Any) -> Mapping[str, NDArray[Any]]:
+    """A result as the arrays of its file: as it is where it is arrays by name, else packed as `value`."""
+    if isinstance(result, Mapping) and all(isinstance(array, np.ndarray) for array in result.values()):
+        return result
+    return {"value": packed(result)}
+
+
+def load_part(path: Path) -> Any:
+    """The result that `as_arrays` was given, from its file."""
+    file = PartFile(path)
+    return unpack(file["value"]) if "value" in file else dict(file)
+
+
+def packed(value: Any) -> NDArray[np.uint8]:
+    """A value as an array of bytes (`pack`)."""
+    return np.frombuffer(pack(value), np.uint8)
+
+
+def pack(value: Any) -> bytes:
+    """A value with its arrays in bytes: JSON's own values, tuples, geometries, arrays, bytes, times and data
+    classes of this package."""
+    arrays = bytearray()
+    text = json.dumps(plain(value, arrays), separators=(",", ":")).encode()
+    return HEAD.pack(len(text)) + text + arrays
+
+
+def unpack(data: bytes | NDArray[np.uint8]) -> Any:
+    """The value of `pack`."""
+    data = bytes(data)
+    end = HEAD.size + HEAD.unpack_from(data)[0]
+    # the parser itself hands over each object, its members done: a walk over all takes five times as long
+    return json.loads(data[HEAD.size : end], object_hook=partial(restored, arrays=data[end:]))
+
+
+def is_whole_part(path: Path) -> bool:
+    """True if a part is whole and every array matches its checksum."""
+    try:
+        part = PartFile(path)
+        return all(crc32(part[name].data) == checksum for name, (*_, checksum, _) in part.table.items())
+    except (OSError, ValueError):
+        return False
+
+
+def plain(value: Any, arrays: bytearray) -> Any:
+    """A value in JSON's words; its arrays go behind the others."""
+    if type(value) in JSON_TYPES:
+        return value
+    if isinstance(value, np.generic):
+        return plain(value.item(), arrays)
+    if isinstance(value, str | int | float):
+        return value
+    if isinstance(value, list):
+        return [plain(item, arrays) for item in value]
+    if isinstance(value, tuple):
+        return {MARK: "tuple", "items": [plain(item, arrays) for item in value]}
+    if isinstance(value, Mapping):
+        if MARK not in value and all(isinstance(key, str) for key in value):
+            return {key: plain(item, arrays) for key, item in value.items()}
+        return {MARK: "dict", "items": [[plain(k, arrays), plain(v, arrays)] for k, v in value.items()]}
+    if isinstance(value, np.ndarray):
+        place = len(arrays)
+        arrays += value.tobytes()
+        return {MARK: "array", "type": value.dtype.str, "shape": value.shape, "place": place}
+    if isinstance(value, BaseGeometry):
+        return {MARK: "geometry", "wkb": base64.b64encode(shapely.to_wkb(value)).decode("ascii")}
+    if isinstance(value, bytes):
+        return {MARK: "bytes", "base64": base64.b64encode(value).decode("ascii")}
+    cls = type(value)
+    if cls.__name__ in TIMES:
+        return {MARK: cls.__name__, "iso": value.isoformat()}
+    if isinstance(value, timedelta):
+        return {MARK: "timedelta", "parts": [value.days, value.seconds, value.microseconds]}
+    members = {field.name: plain(getattr(value, field.name), arrays) for field in fields(value)}
+    return {MARK: f"{cls.__module__}:{cls.__name__}"} | members
+
+
+def restored(value: dict[str, Any], arrays: bytes) -> Any:
+    """The value that `plain` was given, of an object whose members are restored."""
+    kind = value.pop(MARK, None)
+    if kind is None:
+        return value
+    if kind == "tuple":
+        return tuple(value["items"])
+    if kind == "dict":
+        return dict(value["items"])
+    if kind == "array":
+        array = np.frombuffer(arrays, value["type"], math.prod(value["shape"]), value["place"])
+        return array.reshape(value["shape"]).copy()  # aligned in memory
+    if kind == "geometry":
+        return shapely.from_wkb(base64.b64decode(value["wkb"]))
+    if kind == "bytes":
+        return base64.b64decode(value["base64"])
+    if kind in TIMES:
+        return TIMES[kind].fromisoformat(value["iso"])
+    if kind == "timedelta":
+        return timedelta(*value["parts"])
+    return data_class(kind)(**value)
+
+
+def data_class(kind: str) -> Any:
+    """A data class of this package by `module:Class`; whoever reads a value of it has imported it.
+
+    Raises
+    ------
+    ValueError
+        When it is another thing.
+    """
+    module, _, name = kind.partition(":")
+    cls = getattr(sys.modules.get(module), name, None)
+    if not (module.startswith("eaves.") and isinstance(cls, type) and is_dataclass(cls)):
+        raise ValueError(f"a part holds {kind!r}, which is no data of eaves")
+    return cls
+
+
 WORK = ".eaves-work"
 """Name of the folder of the results in that of a run."""
-FORM = 12
+FORM = 13
 """Version of the form in which all lies in the folder; another one is refused."""
 RECORD = np.dtype(
     [
@@ -51,9 +242,9 @@ class Unit(Protocol):
 
 @dataclass(frozen=True)
 class Store:
-    """A folder with `points/` (a folder for each block, in it a file for each part of an input) and a folder
-    for each step and for the parts of inputs that were read (for each unit a file and its mark); during a
-    small run also `records/` (decompressed records, a file for each part of an input)."""
+    """A folder with a folder for each step, in it for each unit a file and its mark; in `points/` also a
+    folder for each block with a file for each part of an input, and during a small run `records/`
+    (decompressed records, a file for each part of an input)."""
 
     folder: Path
     has_returns: bool = True
@@ -63,6 +254,8 @@ class Store:
     """Other fields of the points that methods take."""
     persistent: bool = False
     """True if a later run may reuse the results; only then are keys computed."""
+    copies: bool = False
+    """True if the records of the inputs are kept as they were read."""
 
     @property
     def record(self) -> np.dtype[np.void]:
@@ -88,8 +281,7 @@ class Store:
             raise InputError.about(self.folder, "holds parts that another version of eaves wrote", remedy)
         if not form.exists():
             form.write_text(str(FORM))
-        for name in ("points", PARTS):
-            (self.folder / name).mkdir(exist_ok=True)
+        (self.folder / POINTS).mkdir(exist_ok=True)
 
     def discard(self) -> None:
         """Remove the folder with everything in it."""
@@ -97,11 +289,36 @@ class Store:
 
     def points_path(self, block: Block) -> Path:
         """The folder of a block's points."""
-        return self.folder / "points" / block.name
+        return self.folder / POINTS / block.name
 
     def remove_points(self, block: Block) -> None:
         """Remove the points of a block."""
         shutil.rmtree(self.points_path(block), ignore_errors=True)
+
+    def has_points(self, name: str, blocks: Iterable[str]) -> bool:
+        """True if the points of a part of an input, by its name, are in some blocks, by theirs."""
+        return all((self.folder / POINTS / block / f"{name}.bin").exists() for block in blocks)
+
+    def are_whole(self, name: str, files: Mapping[str, Sequence[int]]) -> bool:
+        """True if what is there of the points of a part of an input has the size and checksum that its
+        `files` had, by block; else with a warning."""
+        for block, (size, checksum) in files.items():
+            place = self.folder / POINTS / block / f"{name}.bin"
+            if place.exists() and (place.stat().st_size != size or crc32(place.read_bytes()) != checksum):
+                log.warning("%s: the part is damaged; its points are read again", place)
+                return False
+        return True
+
+    def keep_points(self, parts: Sequence[Unit]) -> None:
+        """Remove the points of all parts of inputs but these."""
+        self.evict_others(POINTS, parts)
+        names = {part.name for part in parts}
+        for folder in (entry for entry in (self.folder / POINTS).iterdir() if entry.is_dir()):
+            for path in folder.iterdir():
+                if path.stem not in names:
+                    path.unlink()
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
     def records_path(self, name: str) -> Path:
         """The file of the records of a part of an input."""
@@ -113,7 +330,8 @@ class Store:
 
     def blocks(self, side: float) -> list[Block]:
         """The blocks that have points, in order."""
-        names = [entry.split("_") for entry in os.listdir(self.folder / "points")]
+        with os.scandir(self.folder / POINTS) as entries:
+            names = [entry.name.split("_") for entry in entries if entry.is_dir()]
         blocks = sorted(Block(int(column), int(row), side) for column, row in names)
         return [block for block in blocks if not self.has(SUPERSEDED, block) or self.count_points(block)]
 
@@ -157,7 +375,7 @@ class Store:
 
     def thinned(self, block: Block) -> PartFile | None:
         """The points that stand for all of a dense scan in a block, with who stands for whom
-        (`eaves.blocks.thinned`); None or empty where all speak for themselves."""
+        (`eaves.blocks.points`); None or empty where all speak for themselves."""
         return PartFile(self.path(THINNED, block)) if self.has(THINNED, block) else None
 
     def followers(self, block: Block) -> list[tuple[NDArray[np.int64], NDArray[np.uint32]]]:
@@ -190,8 +408,12 @@ class Store:
 
     def units(self, step: str, side: float) -> list[Block]:
         """The blocks or squares of a side (m) that have results of a step, in order."""
-        names = [path.stem.split("_") for path in (self.folder / step).glob("*.part")]
+        names = [name.split("_") for name in self.names(step)]
         return sorted(Block(int(column), int(row), side) for column, row in names)
+
+    def names(self, step: str) -> list[str]:
+        """The names of the units that have results of a step."""
+        return [path.stem for path in (self.folder / step).glob("*.part")]
 
     def mark(self, step: str, unit: Unit) -> Mark | None:
         """The mark of a result; None where there is none that is whole."""
@@ -231,7 +453,7 @@ class Store:
         """Keep a result with its mark, each whole or not at all."""
         path = self.path(step, unit)
         path.parent.mkdir(exist_ok=True)
-        table = save_part(path, arrays)
+        table = save_part(path, arrays, self.persistent)  # what resumes a run looks at all checksums
         result_key = key_of({name: entry[:3] for name, entry in table.items() if name != SECONDS})
         nothing = key_of()
         mark = Mark(step_key or nothing, read or nothing, taken or read or nothing, result_key)
@@ -247,6 +469,12 @@ class Store:
         """Remove a result with its mark."""
         for suffix in (".key", ".part"):
             self.path(step, unit).with_suffix(suffix).unlink(missing_ok=True)
+
+    def link(self, step: str, unit: Unit, other: Store) -> None:
+        """Have a result with its mark in another store, too, under other names of the files."""
+        for suffix in (".part", ".key"):
+            place = self.path(step, unit).with_suffix(suffix)
+            link_file(place, other.path(step, unit).with_suffix(suffix))
 
     def evict_others(self, step: str, units: Iterable[Unit]) -> None:
         """Remove the results of a step for all units but these."""
@@ -287,3 +515,31 @@ def join_records(arrays: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     # numpy joins records field by field, many times as slowly
     data = [np.zeros(0, np.uint8), *(records.view(np.uint8) for records in arrays)]
     return np.concatenate(data).view(arrays[0].dtype if arrays else RECORD)
+
+
+class Results(Mapping[Block, Any]):
+    """Values of some squares, each loaded when it is asked for."""
+
+    def __init__(self, load: Callable[[Block], Any], squares: Sequence[Block]) -> None:
+        self._load, self._squares = load, dict.fromkeys(squares)
+
+    def __getitem__(self, square: Block) -> Any:
+        if square not in self._squares:
+            raise KeyError(square)
+        return self._load(square)
+
+    def __iter__(self) -> Iterator[Block]:
+        return iter(self._squares)
+
+    def __len__(self) -> int:
+        return len(self._squares)
+
+
+def link_file(source: str | Path, target: str | Path) -> None:
+    """One file under another name, in a folder that is made when missing."""
+    Path(target).parent.mkdir(parents=True, exist_ok=True)
+    Path(target).unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)

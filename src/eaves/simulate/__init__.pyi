@@ -9,11 +9,11 @@ from .files import write_simulation as write_simulation
 from .flight import Flight as Flight
 from .images import Matching as Matching
 from .images import match_images as match_images
-from .objects.colours import coloured as coloured
+from .objects.clutter import coloured as coloured
 from .objects.exact import ExactBuilding as ExactBuilding
 from .objects.exact import ExactFace as ExactFace
 from .objects.exact import ExactScene as ExactScene
-from .objects.roofs import nine_roofs_on_a_slope as nine_roofs_on_a_slope
+from .objects.houses import nine_roofs_on_a_slope as nine_roofs_on_a_slope
 from .scanner import Scanner as Scanner
 from .scanner import scan_town as scan_town
 from .standard import DEVELOPMENT_SCENES as DEVELOPMENT_SCENES

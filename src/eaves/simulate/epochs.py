@@ -19,7 +19,7 @@ from eaves.model.checks import check_positive
 from eaves.model.cloud import snap
 from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene, Mass
-from eaves.simulate.objects.roofs import make_building
+from eaves.simulate.objects.houses import make_building
 from eaves.simulate.objects.streets import TownStyle, draw_block
 from eaves.simulate.objects.surfaces import TerrainKind
 from eaves.simulate.scanner import Scanner, scan_town

@@ -23,7 +23,7 @@ from eaves.model import (
 )
 from eaves.model.checks import check_positive
 from eaves.simulate.flight import ABOVE
-from eaves.simulate.objects.colours import photographed, sunlight
+from eaves.simulate.objects.clutter import photographed, sunlight
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.surfaces import CONE, ELLIPSOID, Foliage, ScannedSurfaces, building_surfaces
 from eaves.simulate.ray_grid import RayGrid, index_town

@@ -93,7 +93,7 @@ def trace_pulses(
     echoes = np.zeros(count, np.int32)
     terrain = grid.terrain
     trace_kernel(
-        origins,
+        np.ascontiguousarray(origins),
         directions,
         beam[0] * divergence / 2,
         beam[1],

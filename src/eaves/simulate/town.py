@@ -21,7 +21,7 @@ from eaves.simulate.objects.clutter import (
     span_bridge,
 )
 from eaves.simulate.objects.exact import ExactBuilding, Mass, Plane
-from eaves.simulate.objects.roofs import make_building
+from eaves.simulate.objects.houses import make_building
 from eaves.simulate.objects.streets import Placement, Plot, TownStyle, draw_block, lay_streets
 from eaves.simulate.objects.surfaces import (
     Corridor,

@@ -11,9 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.components import members_kernel, unite_kernel
-from eaves.geometry.inside import points_in_polygons
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.inside import members_kernel, points_in_polygons, unite_kernel
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Integers, Mask, Points, Values
 
@@ -530,34 +529,6 @@ footprint, a segment and a corner that it passes."""
 
 SMALLEST_PART = 0.1
 """Parts of a footprint, and cells between a wall and a border of the roof, that are smaller (m²) are none."""
-
-
-def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.object_]:
-    """The segments (S, 4) as lines that bend through the corners (K, 2) they would nearly touch, or
-    end there."""
-    ends = segments.reshape(-1, 2, 2)
-    lines = np.asarray(shapely.linestrings(ends), object)
-    tree = shapely.STRtree(shapely.points(corners))
-    number, corner = tree.query(lines, predicate="dwithin", distance=NARROWEST_NECK)
-    step = ends[number, 1] - ends[number, 0]
-    length = np.maximum(np.hypot(step[:, 0], step[:, 1]), COORDINATE_STEP)
-    along = ((corners[corner] - ends[number, 0]) * step).sum(axis=1) / length**2
-    order = np.lexsort((corner, along, number))
-    number, place = number[order], corners[corner[order]]
-    line_numbers, first = np.unique(number, return_index=True)
-    last = np.searchsorted(number, line_numbers, side="right") - 1
-    stays = [
-        np.hypot(*(ends[line_numbers, k] - place[indices]).T) >= NARROWEST_NECK
-        for k, indices in enumerate((first, last))
-    ]
-    number = np.concatenate([line_numbers[stays[0]], number, line_numbers[stays[1]]])
-    order = np.argsort(number, kind="stable")
-    path = np.concatenate([ends[line_numbers[stays[0]], 0], place, ends[line_numbers[stays[1]], 1]])[order]
-    number = number[order]
-    bent = np.bincount(number, minlength=len(lines)) > 1
-    path, number = path[bent[number]], number[bent[number]]
-    lines[bent] = shapely.linestrings(path, indices=np.cumsum(np.diff(number, prepend=-1) > 0) - 1)
-    return lines
 
 
 def cut_polygons(

@@ -7,9 +7,14 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from eaves.geometry.components import connected_groups_kernel, members_kernel, unite_kernel
-from eaves.geometry.inside import edges_of, points_in_polygons
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.inside import (
+    connected_groups_kernel,
+    edges_of,
+    members_kernel,
+    points_in_polygons,
+    unite_kernel,
+)
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.kernels import kernel
 from eaves.model import Integers, Mask, Values
 from eaves.solids.coverage import (

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.components import connected_groups_kernel, members_kernel
-from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
+from eaves.geometry.inside import connected_groups_kernel, members_kernel
+from eaves.geometry.rings import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import (
     GROUND_SURFACE,
@@ -39,7 +39,7 @@ from eaves.solids.coverage import (
     sliver_kernel,
     straighten_kernel,
 )
-from eaves.solids.soundness import clear_plan_kernel, find_defect
+from eaves.solids.soundness import find_defect
 
 STRAIGHT = 0.005
 """A node this near (m) to the line between its neighbours is not needed."""
@@ -64,28 +64,12 @@ def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] 
 
 def is_sound(coverage: Coverage) -> bool:
     """True if the cells are valid polygons that fill the outline without overlap."""
-    if is_clear(coverage):
-        return True
     polygons = coverage.polygons()
     if not shapely.is_valid(polygons).all() or shapely.is_empty(polygons).any():
         return False
     covered = float(shapely.area(polygons).sum())
     outer = -sum(coverage.ring_area[coverage.ring_cell == OUTSIDE].tolist())
     return bool(abs(covered - outer) <= 1e-6 * max(covered, 1.0))
-
-
-def is_clear(coverage: Coverage) -> bool:
-    """True if all cells and the outline are single rings with nodes and edges so far apart that they are
-    certainly valid: these fill the outline, for each edge but the outline's is on two of them.
-    """
-    ring_cell, (halves, first) = coverage.ring_cell, coverage.ring_order
-    if len(ring_cell) != coverage.count + 1 or coverage.outer_ring.min() < 0:
-        return False
-    outline = int(ring_cell.argmin())
-    turn = int(first[outline])
-    ring = np.append(halves[turn:], halves[:turn])
-    begin = np.append(first[outline:] - turn, first[1 : outline + 1] + len(halves) - turn)
-    return bool(clear_plan_kernel(coverage.nodes[coverage.start[ring]], begin, np.arange(len(begin))))
 
 
 def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:
@@ -145,19 +129,19 @@ def apart_kernel(start: Integers, end: Integers, pairs: Integers, size: int) -> 
     """Those of the `pairs` (K, 2) of nodes of `size` that touch none of those before them: the first node of
     a pair and its neighbours, and the second."""
     touched, chosen, count = np.zeros(size, np.bool_), np.empty(pairs.shape, np.int64), 0
+    leaving, first = members_kernel(start, size)
     for k in range(len(pairs)):
         node, into = pairs[k]
         clash = touched[node] or touched[into]
-        for half in range(len(start)):
-            clash |= start[half] == node and touched[end[half]]
+        for half in leaving[first[node] : first[node + 1]]:
+            clash |= touched[end[half]]
         if clash:
             continue
         chosen[count, 0], chosen[count, 1] = node, into
         count += 1
         touched[node] = touched[into] = True
-        for half in range(len(start)):
-            if start[half] == node:
-                touched[end[half]] = True
+        for half in leaving[first[node] : first[node + 1]]:
+            touched[end[half]] = True
     return chosen[:count]
 
 

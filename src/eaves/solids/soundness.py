@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.planes import eigen_kernel
-from eaves.geometry.rings import following_places
-from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
+from eaves.geometry.rings import COORDINATE_STEP, PLANARITY, following_places
 from eaves.kernels import kernel
-from eaves.model import ROOF_SURFACE, WALL_SURFACE, Mask, Points, Solid
+from eaves.model import ROOF_SURFACE, WALL_SURFACE, Integers, Mask, Points, Solid
 
 FLATTEST_SHARE = 0.9
 """Share of `PLANARITY` a face may use; the rest is for the rounding of written coordinates."""
@@ -21,17 +19,14 @@ FLATTEST_SHARE = 0.9
 CLOSEST = 2.0 * COORDINATE_STEP
 """Corners and edges nearer than this (m) could fall together when coordinates are written."""
 
+MOST_CORNERS = 16
+"""Corners of a sloped face all triples of which are looked at; larger faces are cut into triangles."""
+
 LOWEST_WALL = 0.05
 """A roof is at least this high (m) above the base of the solid, everywhere."""
 
 MOST_FOLD_DEG = 9.0
 """Angle (degrees) between triangles of one face; under half of val3dity's 20, as any two may be compared."""
-
-MOST_CORNERS = 16
-"""Corners of a sloped face all triples of which are looked at; larger faces are cut into triangles."""
-
-LONGEST_RING = 200
-"""Corners of a face all pairs of whose edges are looked at; larger ones are left to an index of edges."""
 
 
 def find_defect(solid: Solid) -> str:
@@ -49,30 +44,20 @@ def find_defect(solid: Solid) -> str:
     if np.any(np.diff(forward) == 0) or not np.array_equal(forward, back):
         return "an edge that is not used once each way"
     table = FaceTable.of_solids([solid])
-    clear, unsteady = surely_sound(table, solid.surfaces)
-    flat = {number: on_own_plane(table.rings_of(number)) for number in unsteady}
+    first = np.append(table.ring_start[table.outer], len(table.corners))
+    may_bend = (solid.surfaces != WALL_SURFACE) & ~steady_faces_kernel(table.corners, first)
+    flat = {number: on_own_plane(table.rings_of(number)) for number in np.flatnonzero(may_bend).tolist()}
     if any(np.abs(places[:, 2]).max() > FLATTEST_SHARE * PLANARITY for places in flat.values()):
         return "a roof face that is not planar"
     roof = (solid.surfaces == ROOF_SURFACE).repeat(solid.ring_counts).repeat(solid.ring_sizes)
     if table.corners[roof, 2].min() < table.corners[0, 2] + LOWEST_WALL:
         return "a roof that reaches the ground"
-    crossing = "" if clear else plan_defect(table.take(solid.surfaces != WALL_SURFACE))
-    roofs = [number for number in flat if solid.surfaces[number] == ROOF_SURFACE]
-    return crossing or fold_defect(table, {number: flat[number] for number in roofs})
-
-
-def surely_sound(table: FaceTable, surfaces: NDArray[np.str_]) -> tuple[bool, list[int]]:
-    """True if the plan of the faces that are not walls is certainly sound, and the numbers of those that may
-    not be planar, or have a fold."""
-    level = surfaces != WALL_SURFACE
-    plan = table.take(level)
-    first, faces = np.append(plan.ring_start, len(plan.corners)), np.append(plan.outer, len(plan.ring_sizes))
-    sure = steady_faces_kernel(plan.corners, first[faces])
-    return bool(clear_plan_kernel(plan.corners, first, faces)), level.nonzero()[0][~sure].tolist()
+    roofs = {number: places for number, places in flat.items() if solid.surfaces[number] == ROOF_SURFACE}
+    return plan_defect(table.take(solid.surfaces != WALL_SURFACE)) or fold_defect(table, roofs)
 
 
 @kernel
-def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
+def steady_faces_kernel(places: Points, first: Integers) -> Mask:
     """Mask (F,) of the faces, with corners `first[f]` to `first[f + 1]` of `places` (K, 3), that have three
     corners, or are level, or are planar and have only triples of corners that lean like the face, by less
     than half of `MOST_FOLD_DEG`.
@@ -120,58 +105,6 @@ def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
                     good &= (lean if nz * z > 0.0 else -lean) > least
         sure[face] = good
     return sure
-
-
-@kernel
-def clear_plan_kernel(places: Points, first: NDArray[np.int64], faces: NDArray[np.int64]) -> bool:
-    """True if faces are single rings, simple, with corners and edges well over `CLOSEST` apart in plan, and
-    all but the first cover the first.
-
-    Corners of ring r are `first[r]` to `first[r + 1]` of `places` (K, 3), rings of face f `faces[f]` to
-    `faces[f + 1]`.
-    """
-    if len(faces) != len(first):
-        return False
-    reach = (CLOSEST + 1e-5) ** 2
-    total, covered, length = 0.0, 0.0, 0.0
-    for face in range(len(first) - 1):
-        ring = places[first[face] : first[face + 1]]
-        count, area = len(ring), 0.0
-        if count > LONGEST_RING:
-            return False
-        for i in range(count):
-            after = (i + 1) % count
-            ax, ay = ring[i, 0], ring[i, 1]
-            u, v = ring[after, 0] - ax, ring[after, 1] - ay
-            square = u * u + v * v
-            if square < reach:
-                return False
-            area += (ax - ring[0, 0]) * v - (ay - ring[0, 1]) * u
-            length += np.sqrt(square) if face == 0 else 0.0
-            side = 0.0
-            for step in range(2, count + 1):
-                corner = (i + step) % count
-                x, y = ring[corner, 0] - ax, ring[corner, 1] - ay
-                before, side = side, u * y - v * x
-                if corner == i:
-                    break
-                along = min(max((x * u + y * v) / square, 0.0), 1.0)
-                if (x - along * u) ** 2 + (y - along * v) ** 2 < reach:
-                    return False
-                if step == 2 or before * side > 0.0:
-                    continue
-                # the edge from the corner before crosses the line of this one: does this one cross its line?
-                last = (corner + count - 1) % count
-                p, q = ring[corner, 0] - ring[last, 0], ring[corner, 1] - ring[last, 1]
-                here = p * (ay - ring[last, 1]) - q * (ax - ring[last, 0])
-                beyond = p * (ay + v - ring[last, 1]) - q * (ax + u - ring[last, 0])
-                if here * beyond <= 0.0:
-                    return False
-        if face == 0:
-            total = 0.5 * abs(area)
-        else:
-            covered += 0.5 * abs(area)
-    return abs(total - covered) < 0.99 * COORDINATE_STEP * length
 
 
 def on_own_plane(rings: Sequence[Points]) -> Points:

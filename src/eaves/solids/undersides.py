@@ -12,7 +12,7 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.face_table import FaceTable
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.model import NO_PLANE, ROOF_SURFACE, Integers, Solid
 from eaves.solids.coverage import (
     NARROWEST_NECK,
@@ -21,9 +21,8 @@ from eaves.solids.coverage import (
     SMALLEST_PART,
     Coverage,
     coverage_of,
-    cut_polygons,
-    through_corners,
 )
+from eaves.solids.cutting import cut
 from eaves.solids.extrude import LOWEST_ROOF, close_cells, joined_cells, split_crossings
 
 
@@ -150,13 +149,14 @@ def draw_plan(
     """The cells (C,) that the walls cut the roof faces into, the face of each, whether it stands on the
     ground.
     """
-    borders = shapely.boundary(roof.polygons)
-    inner = through_corners(wall_segments(walls, borders), shapely.get_coordinates(borders))
-    cells, face = cut_polygons(roof.polygons, np.append(borders, inner))
-    plan = coverage_of(cells, COORDINATE_STEP)
+    faces = coverage_of(roof.polygons, COORDINATE_STEP)
+    plan = None if faces is None else cut(faces, wall_segments(walls, shapely.boundary(roof.polygons)))
     if plan is None:
         return None
-    stands = shapely.within(shapely.point_on_surface(cells), walls)
+    cells = plan.polygons()
+    middles = shapely.point_on_surface(cells)
+    face = shapely.STRtree(roof.polygons).nearest(middles)
+    stands = shapely.within(middles, walls)
     a, b, c = roof.planes[face].T
     low = [
         float((a[k] * xy[:, 0] + b[k] * xy[:, 1] + c[k]).min())

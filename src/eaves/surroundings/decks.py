@@ -14,8 +14,7 @@ from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import BRIDGE_DECK, GRID_STEP, WATER, Bounds, Doubt, Grid, Labels, Mask, PointCloud, Values
-from eaves.raster.grid import WorldGrids, highest_in_squares, lowest_in_squares
-from eaves.raster.groups import (
+from eaves.raster.blur import (
     ONWARD,
     closed_by_square,
     group_cells,
@@ -24,6 +23,7 @@ from eaves.raster.groups import (
     opened_by_square,
     steps_within,
 )
+from eaves.raster.grid import WorldGrids, highest_in_squares, lowest_in_squares
 
 STAGE = "classes"
 Classes = NDArray[np.uint8]

@@ -5,28 +5,26 @@ from __future__ import annotations
 import shutil
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import shapely
 
-from eaves.buildings.building_file import SavedBuilding, SavedBuildings, found_buildings
+from eaves.buildings.building_file import SavedBuilding
 from eaves.flow.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
 from eaves.flow.edits import IS_BUILDING, Edit, StatedFace, divided, write_edits
 from eaves.flow.refusals import EDITS, LAYER
-from eaves.flow.region import ensure_points, model_plans, open_region
+from eaves.flow.region import Region, ensure_points, model_plans, open_region
 from eaves.flow.run import Progress, no_progress
-from eaves.flow.step import Region
 from eaves.flow.tiles import Area
 from eaves.formats import read_polygons
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem
+from eaves.model.block import ring, squares_touching
 from eaves.pipeline import find_plans, hold_folder
-from eaves.run.keys import EDITED
+from eaves.run.keys import BUILDINGS, EDITED, NAMED
 from eaves.run.manifest import is_changed, known_files, read_facts
 from eaves.run.store import WORK
-from eaves.run.world_squares import ring, squares_touching
-from eaves.upkeep.kept import link_results, open_again, read_request
-from eaves.upkeep.update import compute_again
+from eaves.upkeep.update import compute_again, link_results, open_again, read_request
 
 TRIAL = ".eaves-edit"
 """The folder, in that of a run, of the results of edits that are tried; it goes when they end."""
@@ -60,7 +58,7 @@ class Trial:
     @property
     def system(self) -> CoordinateSystem:
         """The reference system of the run."""
-        return self.region.store.system
+        return self.region.system
 
     def kept(self) -> list[Edit]:
         """The edits that the folder keeps."""
@@ -124,7 +122,7 @@ class Trial:
             missing = not all(divided(name, there) for name in wanted)
             more = (near & everywhere) - self.reached if missing else set()
         self.carry_out(self.saved)
-        shown, side = SavedBuildings(self.region.store), self.region.run.side
+        shown, side = self.region.buildings, self.region.run.side
         for owner in set(shown.owners(side)) - self.last.keys():
             self.last[owner] = contents_of(shown.saved(owner))
             self.known |= self.last[owner].keys()
@@ -132,7 +130,7 @@ class Trial:
 
     def found(self) -> dict[str, shapely.Polygon]:
         """Id → outline of the buildings that are there, as they were found."""
-        return outlines_in(found_buildings(self.region.store), self.region.run.side)
+        return outlines_in(self.region.buildings.only(NAMED, BUILDINGS), self.region.run.side)
 
     def touched(self, shapes: Iterable[shapely.Geometry]) -> set[Block]:
         """The blocks that shapes (world metres) reach into."""
@@ -143,13 +141,13 @@ class Trial:
         """Id → outline (world metres) of the buildings as they are now."""
         written = {} if self.saved is None else self.written
         kept = {name: outline for name, outline in written.items() if name not in self.known}
-        return {**kept, **outlines_in(SavedBuildings(self.region.store), self.region.run.side)}
+        return {**kept, **outlines_in(self.region.buildings, self.region.run.side)}
 
     def changed(self, owners: Collection[Block]) -> dict[str, SavedBuilding | None]:
         """The buildings that blocks own and that are others than when this was last asked; None for those
         that went."""
         changed: dict[str, SavedBuilding | None] = {}
-        now = SavedBuildings(self.region.store)
+        now = self.region.buildings
         for owner in sorted(owners):
             before = self.last.get(owner, {})
             saved = now.saved(owner)
@@ -164,7 +162,7 @@ class Trial:
     def buildings(self, names: Collection[str]) -> dict[str, SavedBuilding | None]:
         """Buildings by their ids as they are now; None where there is none."""
         self.reach(names)
-        now, side = SavedBuildings(self.region.store), self.region.run.side
+        now, side = self.region.buildings, self.region.run.side
         found: dict[str, SavedBuilding | None] = dict.fromkeys(names)
         for owner in now.owners(side) if names else ():
             for building in now.saved(owner):
@@ -236,21 +234,18 @@ def open_trial(
             region = open_region(run, workers, progress)
             if kept:
                 link_results(folder / WORK, place)
-            else:
-                region.store.discard()
-            region.store = replace(region.store, folder=place, persistent=True)
+            region.move_to(place)
             written, saved = {}, None
-            if not kept:
-                region.store.prepare()
-                written = written_outlines(folder, region.store.system) if run.given is None else {}
+            if not kept and run.given is None:
+                written = written_outlines(folder, region.system)
             if written:
                 region.within = set()
-                saved = kept_edits(folder, region.store.system)[: read_facts(folder).get("edits", 0)]
+                saved = kept_edits(folder, region.system)[: read_facts(folder).get("edits", 0)]
             elif not kept:
                 compute_again(region, folder)
             if not written:
                 ensure_points(region)
-            shown = SavedBuildings(region.store)
+            shown = region.buildings
             trial = Trial(folder, region, written or outlines_in(shown, run.side), saved=saved)
             trial.last = {owner: contents_of(shown.saved(owner)) for owner in shown.owners(run.side)}
             yield trial

@@ -16,19 +16,16 @@ import shapely
 from scipy import ndimage
 from shapely import Polygon
 
-from eaves.buildings.building_file import SavedBuilding, SavedBuildings, building_arrays
+from eaves.buildings.building_file import SavedBuilding, SavedBuildings
 from eaves.buildings.edited import CREATED, VERSION, version_of
 from eaves.formats.whole_files import atomic
-from eaves.geometry.components import connected_groups_kernel, members
-from eaves.geometry.face_table import FaceTable
-from eaves.geometry.inside import edges_of, points_in_polygons
-from eaves.geometry.overlaps import half_shared, pair_off
-from eaves.geometry.roof_fit import RoofFaces, highest_faces
+from eaves.geometry.face_table import FaceTable, RoofFaces, highest_faces
+from eaves.geometry.inside import connected_groups_kernel, edges_of, members, points_in_polygons
+from eaves.geometry.rings import half_shared, pair_off
 from eaves.model import BLOCK_SIDE, ROOF_SURFACE, Block, BuildingModel, Failure, Mask, Points, Values
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, NAMED
-from eaves.run.part_file import pack
-from eaves.upkeep.kept import link_file
+from eaves.run.store import pack
 
 SAME_SURFACE_M = 0.25
 """A surface nearer than this (m) is the same one: half of the smallest change that must be found."""
@@ -103,17 +100,11 @@ def name_versions(
         Places (N, 2; world metres) of the earlier points that the new ones took the place of. Only where
         some are can new points confirm a building: where all that it was made of stays, they lie beside it.
     """
-    after = detected.store
-    after.evict_others(NAMED, ())
     side = owners[0].side if owners else BLOCK_SIDE
-    entries = set(before.store.found(BUILDINGS, before.owners(side)))
-    same = {name for name, key in after.found(BUILDINGS, owners) if (name, key) in entries}
+    entries = before.only(BUILDINGS).keys(before.owners(side)).items()
+    same = {name for name, key in detected.only(BUILDINGS).keys(owners).items() if (name, key) in entries}
     changed = {owner for owner in (*owners, *before.owners(side)) if owner.name not in same}
-    for owner in owners:
-        if owner.name in same and before.store.has(NAMED, owner):
-            for suffix in (".part", ".key"):
-                path = before.store.path(NAMED, owner).with_suffix(suffix)
-                link_file(path, after.path(NAMED, owner).with_suffix(suffix))
+    detected.take_layer(NAMED, [owner for owner in owners if owner.name in same], before)
     fresh, earlier = (
         [Placed.of(owner, saved) for owner in sorted(changed) for saved in layer.saved(owner)]
         for layer in (detected, before)
@@ -144,7 +135,7 @@ def name_versions(
     matched = set(partners.values())
     versions.gone.extend(building.id for k, building in enumerate(earlier) if k not in matched)
     for owner, buildings in results.items():
-        after.save(NAMED, owner, building_arrays(buildings))
+        detected.save(NAMED, owner, buildings)
     return versions, changed
 
 

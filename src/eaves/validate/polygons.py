@@ -11,9 +11,9 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.face_table import FaceTable
-from eaves.geometry.tolerance import SNAP
+from eaves.geometry.inside import connected_groups_kernel
+from eaves.geometry.rings import SNAP
 from eaves.model import Integers, Mask, Values
 
 LARGEST_EXTENT = 1 << 28

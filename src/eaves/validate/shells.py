@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.inside import connected_groups_kernel
 from eaves.model import Integers, Mask, Values
 from eaves.validate.exact import (
     CROSS,

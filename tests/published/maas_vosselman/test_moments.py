@@ -11,7 +11,7 @@ from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint
 from eaves.published.maas_vosselman.moments import Moments
 from eaves.published.maas_vosselman.moments.building import ParametricBuilding, extent_of, fit_building
-from eaves.published.maas_vosselman.moments.invariants import (
+from eaves.published.maas_vosselman.moments.parametric_roof import (
     ClosedForm,
     SurfaceMoments,
     border_growth,

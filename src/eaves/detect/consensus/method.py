@@ -9,35 +9,50 @@ from typing import ClassVar, Self
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
+    DoubtRules,
     EvidenceRules,
     Terms,
     Weights,
     cell_odds,
     is_even,
     measured_terms,
+    object_doubts,
     read_weights,
+    region_doubts,
     score_regions,
     surface_odds,
+    unevenness_of,
+    void_doubts,
 )
-from eaves.detect.consensus.doubts import DoubtRules, object_doubts, region_doubts, unevenness_of, void_doubts
-from eaves.detect.consensus.evidence import Evidence, gather_evidence
-from eaves.detect.consensus.groups import attached_share, without_narrow_parts, without_pores
-from eaves.detect.consensus.measures import (
+from eaves.detect.consensus.evidence import (
     COLOURS,
+    WINDOW,
     Counts,
+    Evidence,
+    Segments,
     Separation,
+    WindowRules,
     count_signs,
+    find_segments,
+    gather_evidence,
     has_colours,
     learned,
     signs_of_leaves,
 )
-from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
-from eaves.detect.consensus.segments import Segments, find_segments
-from eaves.detect.consensus.unseen_roofs import VoidRules, find_hidden_roofs, find_roof_voids
-from eaves.detect.consensus.windows import WINDOW, WindowRules
+from eaves.detect.consensus.groups import (
+    VehicleRules,
+    VoidRules,
+    attached_share,
+    cut_cells,
+    find_hidden_roofs,
+    find_roof_voids,
+    find_vehicles,
+    part_of_points,
+    without_narrow_parts,
+    without_pores,
+)
 from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter

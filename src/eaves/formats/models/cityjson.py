@@ -211,7 +211,7 @@ def reference_system(system: CoordinateSystem) -> str | None:
 
 def clean(value: Any) -> Any:
     """A value as JSON can hold it: NaN and infinity become null, numpy's types Python's, dates text."""
-    if value is None or isinstance(value, str | bool | int):
+    if value is None or isinstance(value, (str, int)):  # most values are; a union is half as fast
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain, groupby
 from operator import index
 from pathlib import Path
@@ -24,6 +24,7 @@ from eaves.model import (
     BLOCK_SIDE,
     LOCAL_METRES,
     LODS,
+    NO_PLANE,
     BuildingModel,
     CoordinateSystem,
     Face,
@@ -47,8 +48,9 @@ class CityGeometry:
 
     type: str
     lod: str
-    solids: tuple[tuple[tuple[Face, ...], ...], ...]
-    """Solid → shell (the first is the outer one) → faces; surfaces outside solids are one solid of one shell.
+    solids: tuple[tuple[Solid, ...], ...]
+    """Solid → shells (the first is the outer one), over the vertices of the object; surfaces outside solids
+    are one solid of one shell.
 
     `Face.surface` is the semantic type (empty when there is none), `Face.plane` the number in `surfaces`.
     """
@@ -59,6 +61,11 @@ class CityGeometry:
     def is_solid(self) -> bool:
         """True if the shells claim to be closed."""
         return self.type.endswith("Solid")
+
+    @property
+    def faces(self) -> Iterator[Face]:
+        """The faces of all shells."""
+        return (face for shells in self.solids for shell in shells for face in shell.faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +114,11 @@ class CityObject:
         """The outer shell of every solid of a geometry, with its own vertices in metres about `origin`."""
         return tuple(self._as_solid(shells[0], origin) for shells in geometry.solids if shells)
 
-    def _as_solid(self, faces: tuple[Face, ...], origin: tuple[float, float]) -> Solid:
-        solid = Solid.of(self.vertices, faces)
+    def _as_solid(self, shell: Solid, origin: tuple[float, float]) -> Solid:
         used = np.zeros(len(self.vertices), bool)
-        used[solid.corners] = True
-        number = np.cumsum(used) - 1
-        return replace(solid, vertices=self.vertices[used] - [*origin, 0.0], corners=number[solid.corners])
+        used[shell.corners] = True
+        vertices, corners = self.vertices[used] - [*origin, 0.0], (used.cumsum() - 1)[shell.corners]
+        return Solid(vertices, corners, shell.ring_sizes, shell.ring_counts, shell.surfaces, shell.planes)
 
 
 def read_cityjson(path: str | Path, crs: str | None = None) -> dict[str, CityObject]:
@@ -259,7 +265,7 @@ class _Frame:
 
     def _object(self, name: str, value: Any, world: Values) -> CityObject:
         try:
-            geometries = [_geometry(entry, len(world)) for entry in value.get("geometry", [])]
+            geometries = [_geometry(entry, world) for entry in value.get("geometry", [])]
             return CityObject(
                 name,
                 str(value["type"]),
@@ -323,7 +329,7 @@ def model_of(parts: Sequence[CityObject]) -> BuildingModel | Failure:
 def outline_of(building: CityObject, origin: tuple[float, float]) -> Polygon:
     """The polygon (metres about `origin`) of LoD 0; an empty one where there is none."""
     for geometry in building.lod("0"):
-        for face in (face for shells in geometry.solids for shell in shells for face in shell):
+        for face in geometry.faces:
             outer, *holes = (building.vertices[list(ring), :2] - origin for ring in face.rings)
             return Polygon(outer, holes)
     return Polygon()
@@ -375,7 +381,7 @@ def has_corners(face: Face) -> bool:
     return bool(face.rings) and min(map(len, face.rings)) >= 3
 
 
-def _geometry(entry: dict[str, Any], vertex_count: int) -> CityGeometry | None:
+def _geometry(entry: dict[str, Any], vertices: Values) -> CityGeometry | None:
     kind = entry["type"]
     if kind not in NESTING:
         return None
@@ -386,10 +392,7 @@ def _geometry(entry: dict[str, Any], vertex_count: int) -> CityGeometry | None:
         boundaries, values = [boundaries], None if values is None else [values]
     solids = tuple(
         tuple(
-            tuple(
-                _face(rings, _pick(values, solid, shell, surface), surfaces, vertex_count)
-                for surface, rings in enumerate(faces)
-            )
+            _shell(faces, _pick(values, solid, shell), surfaces, vertices)
             for shell, faces in enumerate(shells)
         )
         for solid, shells in enumerate(boundaries)
@@ -397,22 +400,32 @@ def _geometry(entry: dict[str, Any], vertex_count: int) -> CityGeometry | None:
     return CityGeometry(kind, str(entry.get("lod", "")), solids, surfaces)
 
 
-def _pick(values: Any, *path: int) -> int | None:
-    """The semantic value of a surface; null may stand for a whole shell or solid."""
+def _pick(values: Any, *path: int) -> Any:
+    """The semantic values of a shell; null may stand for those of a whole shell or solid."""
     for step in path:
         if values is None:
             return None
         values = values[step]
-    return None if values is None else index(values)
+    return values
 
 
-def _face(
-    rings: list[list[int]], value: int | None, surfaces: tuple[dict[str, Any], ...], vertex_count: int
-) -> Face:
-    numbers = tuple(tuple(map(index, ring)) for ring in rings)
-    corners = list(chain.from_iterable(numbers))
-    if corners and not 0 <= min(corners) <= max(corners) < vertex_count:
-        raise ValueError(f"has a face that points outside the {vertex_count} vertices")
-    if value is not None and not 0 <= value < len(surfaces):
-        raise ValueError(f"has a face with semantics {value} of {len(surfaces)}")
-    return Face(numbers, "" if value is None else str(surfaces[value]["type"]), value)
+def _shell(
+    faces: list[list[list[int]]], values: Any, surfaces: tuple[dict[str, Any], ...], vertices: Values
+) -> Solid:
+    """A shell of faces of rings, with the semantic value of each face."""
+    rings = list(chain.from_iterable(faces))
+    corners = list(map(index, chain.from_iterable(rings)))
+    if corners and not 0 <= min(corners) <= max(corners) < len(vertices):
+        raise ValueError(f"has a face that points outside the {len(vertices)} vertices")
+    known = [None if values is None or values[k] is None else index(values[k]) for k in range(len(faces))]
+    wrong = [value for value in known if value is not None and not 0 <= value < len(surfaces)]
+    if wrong:
+        raise ValueError(f"has a face with semantics {wrong[0]} of {len(surfaces)}")
+    return Solid(
+        vertices,
+        np.array(corners, np.int64),
+        np.array(list(map(len, rings)), np.int64),
+        np.array(list(map(len, faces)), np.int64),
+        np.array(["" if value is None else str(surfaces[value]["type"]) for value in known], np.str_),
+        np.array([NO_PLANE if value is None else value for value in known], np.int64),
+    )

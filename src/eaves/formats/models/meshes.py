@@ -93,6 +93,11 @@ def with_meshes(
             yield result, mesh if solids else None
 
 
+def with_solids(results: Iterable[BuildingModel | Failure]) -> Iterator[BuildingModel]:
+    """The buildings among results that have solids."""
+    return (one for one in results if isinstance(one, BuildingModel) and one.solids)
+
+
 def mesh_of(result: BuildingModel | Failure) -> BuildingMesh | None:
     """The mesh of the finest level of a building; None for a failure and for a model without solids."""
     return next(mesh for _, mesh in with_meshes([result]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, islice
@@ -44,6 +45,8 @@ DATASET_OPTIONS = {"GPKG": {"VERSION": "1.3"}, "KML": {"AltitudeMode": "absolute
 """GeoPackage 1.4 makes GDAL 3.6 and QGIS 3.22 warn at every layer."""
 GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
+UNFORCED = {"OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
+"""With these SQLite leaves it to `atomic` to bring a file to the disk, once and not step by step."""
 PLAIN_TYPES = frozenset((type(None), str, bool, int))
 PIECE_ROWS = 20_000
 """Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
@@ -146,10 +149,23 @@ def write_layers(
 ) -> None:
     """Write any layers of a GeoPackage, with the styles and titles that are known for them; `note` is said in
     their descriptions and legends."""
-    with atomic(path) as temporary:
+    with atomic(path) as temporary, gdal_options(UNFORCED):
         for layer, rows in layers.items():
             _write_layer(temporary, rows, system, "GPKG", layer)
         describe_layers(temporary, system, provenance, note)
+
+
+@contextmanager
+def gdal_options(options: Mapping[str, str]) -> Iterator[None]:
+    """Give GDAL some options until the block ends."""
+    import pyogrio  # late: as below
+
+    before = {name: pyogrio.get_gdal_config_option(name) for name in options}
+    pyogrio.set_gdal_config_options(options)
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options(before)
 
 
 def write_polygons(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.percentiles import median
+from eaves.geometry.planes import median
 from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import (
     Limits,
@@ -20,8 +20,7 @@ from eaves.ground.adaptive_tin.densification import (
     update_residuals,
 )
 from eaves.ground.stage import GroundMethod, numbers_within
-from eaves.ground.toolkit.doubts import edges_without_step
-from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.floor import Floor, edges_without_step
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.wide_objects import Patch, find_wide_objects
 from eaves.methods import Emit, ignore, parameter

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.geometry.components import connected_groups_kernel
-from eaves.ground.toolkit.doubts import LEAST_M2
-from eaves.ground.toolkit.floor import Floor
+from eaves.geometry.inside import connected_groups_kernel
+from eaves.ground.toolkit.floor import LEAST_M2, Floor
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import GRID_STEP, Bounds, Doubt, Grid, Integers, Labels, Mask, PointCloud, Points, Values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.components import unite_kernel
+from eaves.geometry.inside import unite_kernel
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import Mask, Values

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from eaves.geometry.rings import as_polygon, signed_area
+from eaves.geometry.rings import as_polygon, share_edges, signed_area
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Labels, Mask, Points, Values
@@ -36,7 +36,6 @@ from eaves.outline.toolkit.edges import (
     turned_freely,
 )
 from eaves.outline.toolkit.polyline import Prices, cheapest_polyline, travel_angles
-from eaves.outline.toolkit.shared_edges import share_edges
 
 TRIES = 4
 """Times that an outline is drawn, each without the hidden points that the last left outside, at last none."""

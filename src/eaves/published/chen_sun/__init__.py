@@ -1,6 +1,6 @@
 """Chen and Sun: buildings from planar patches. Its recipe, and its steps beside it."""
 
-from eaves.recipe.sources import PublishedSource
+from eaves.recipe.recipe import PublishedSource
 
 SOURCE = PublishedSource(
     "chen_sun",

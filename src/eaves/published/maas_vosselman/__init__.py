@@ -1,6 +1,6 @@
 """Maas and Vosselman 1999: invariant moments, and faces intersected. Its recipe, and its steps beside it."""
 
-from eaves.recipe.sources import PublishedSource
+from eaves.recipe.recipe import PublishedSource
 
 SOURCE = PublishedSource(
     "maas_vosselman",

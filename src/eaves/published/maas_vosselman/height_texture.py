@@ -19,7 +19,7 @@ from eaves.detect.toolkit.surface_grid import (
 )
 from eaves.methods import Emit, parameter
 from eaves.model import Labels, Mask, Scene, Values
-from eaves.raster.groups import opened_by_square
+from eaves.raster.blur import opened_by_square
 
 TEXTURE_OF_ERROR = 1.4
 """The texture of independent heights, in their errors: √(6/9) = 0.8, and three quarters more."""

@@ -13,7 +13,7 @@ from shapely.geometry.polygon import orient
 from shapely.ops import split
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
 from eaves.published.maas_vosselman.moments import Moments
@@ -33,10 +33,7 @@ from eaves.published.maas_vosselman.moments.method import (
 from eaves.published.xiao2014.plane_intersection import PlaneIntersection, raise_polyhedron, vote
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.evidence import points_inside, seen_roof, support_of
-from eaves.reconstruct.toolkit.plan_lines import (
-    candidate_lines,
-    extend,
-)
+from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.solids.coverage import OVERSHOOT, Coverage
 from eaves.solids.cutting import arrange
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.inside import connected_groups_kernel
 from eaves.geometry.planes import LocalPlanes
 from eaves.geometry.tin import Tin
 from eaves.methods import Emit, ignore, parameter

@@ -1,6 +1,6 @@
 """Ren et al.: the contour method Fc-S. Its recipe, and its steps beside it."""
 
-from eaves.recipe.sources import PublishedSource
+from eaves.recipe.recipe import PublishedSource
 
 SOURCE = PublishedSource(
     "ren_fcs",

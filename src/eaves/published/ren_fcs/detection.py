@@ -23,7 +23,7 @@ from eaves.detect.toolkit.surface_grid import (
 )
 from eaves.methods import Emit, parameter
 from eaves.model import Labels, Mask, Scene, Values
-from eaves.raster.groups import grown_by_square, shrunk_by_square
+from eaves.raster.blur import grown_by_square, shrunk_by_square
 
 BEND_OF_ERROR = 5.0
 """The quadratic gradient of independent heights, in their errors: √(6 + 6 + 1/2) = 3.5, and half as much."""

@@ -1,6 +1,6 @@
 """Buildings from roof points' attributes. Its recipe, and its steps beside it."""
 
-from eaves.recipe.sources import PublishedSource
+from eaves.recipe.recipe import PublishedSource
 
 SOURCE = PublishedSource(
     "roof_attributes",

@@ -1,6 +1,6 @@
 """Xiao et al. 2014: a framework from points to models. Its recipe, and its steps beside it."""
 
-from eaves.recipe.sources import PublishedSource
+from eaves.recipe.recipe import PublishedSource
 
 SOURCE = PublishedSource(
     "xiao2014",

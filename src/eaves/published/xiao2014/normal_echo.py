@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 
 from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector, area_of_cells
 from eaves.detect.toolkit.surface_grid import GROUP_M2
-from eaves.geometry.planes import local_planes
-from eaves.geometry.smooth_surfaces import (
+from eaves.geometry.planes import (
     NEIGHBOURS,
     NOISE_AREA_M2,
     SMOOTH_ANGLE_DEG,
@@ -23,6 +22,7 @@ from eaves.geometry.smooth_surfaces import (
     euclidean_components,
     find_walls_and_trees,
     grow_regions,
+    local_planes,
     region_areas,
 )
 from eaves.methods import Emit, ignore, parameter

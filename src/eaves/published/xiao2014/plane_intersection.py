@@ -11,11 +11,7 @@ from eaves.figures.attributes import describe_roof
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Integers, Labels, Points, RoofPlane
-from eaves.reconstruct.toolkit.evidence import (
-    faces_as_planes,
-    seen_roof,
-    support_of,
-)
+from eaves.reconstruct.toolkit.evidence import faces_as_planes, seen_roof, support_of
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, candidate_lines, extend
 from eaves.solids.coverage import Coverage

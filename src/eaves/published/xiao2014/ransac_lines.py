@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.kernels import kernel
 from eaves.methods import Emit, parameter
 from eaves.model import Boundary

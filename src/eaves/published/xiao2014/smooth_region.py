@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.geometry.planes import local_planes
-from eaves.geometry.smooth_surfaces import (
+from eaves.geometry.planes import (
     NEIGHBOURS,
     NOISE_AREA_M2,
     SMOOTH_ANGLE_DEG,
@@ -17,6 +16,7 @@ from eaves.geometry.smooth_surfaces import (
     WALL_ANGLE_DEG,
     find_walls_and_trees,
     grow_regions,
+    local_planes,
     region_areas,
 )
 from eaves.geometry.tin import Tin

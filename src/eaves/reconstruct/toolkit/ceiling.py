@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from eaves.figures.attributes import NEAR_M, surface_heights
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model import ROOF_SURFACE, Integers, Labels, Points, Solid, Values
+from eaves.model import ROOF_SURFACE, Labels, Points, Solid, Values
 
 LEAST_RISE, SIGMAS = 0.15, 3.0
 """No corner lies higher over the highest point than by so much (m), or by so many sigmas of its plane."""
@@ -47,35 +45,36 @@ def rise_over(
 ) -> Values:
     """How far (V, P; m) each plane lies too high at the nodes (V, 2): over its `highest` (P,), and where it
     has points near also over the second of the planes that have some, which it may meet there."""
-    over = np.flatnonzero((nodes @ planes[:, :2].T + planes[:, 2] > highest).any(axis=1))
     known = np.flatnonzero(labels >= 0)
-    near = cKDTree(roof[known, :2]).query_ball_point(nodes[over], reach_of(spacing))
-    first = np.cumsum([0, *map(len, near)])
-    shown = labels[known[np.fromiter(chain.from_iterable(near), np.int64, first[-1])]]
-    rise = np.zeros((len(nodes), len(planes)))
-    rise[over] = rise_kernel(nodes[over], planes, highest, first, shown)
-    return rise
+    known = known[np.argsort(roof[known, 0], kind="stable")]
+    return np.asarray(rise_kernel(nodes, planes, highest, roof[known], labels[known], reach_of(spacing)))
 
 
 @kernel
-def rise_kernel(nodes: Values, planes: Values, highest: Values, first: Integers, shown: Labels) -> Values:
-    """`rise_over` of nodes (V, 2), those of the planes `shown` (K,) that are near node v being
-    `first[v]` to `first[v + 1]`."""
+def rise_kernel(
+    nodes: Values, planes: Values, highest: Values, roof: Points, labels: Labels, reach: float
+) -> Values:
+    """`rise_over` of nodes (V, 2), by the points (K, 3) that support planes, ascending by x, and their
+    `labels` (K,)."""
     rise, near = np.zeros((len(nodes), len(planes))), np.full(len(planes), -1)
     for node in range(len(nodes)):
-        best, second = -np.inf, -np.inf
-        for plane in shown[first[node] : first[node + 1]]:
-            if near[plane] != node:
-                near[plane] = node
-                height = (
-                    planes[plane, 0] * nodes[node, 0] + planes[plane, 1] * nodes[node, 1] + planes[plane, 2]
-                )
-                best, second = max(best, height), max(second, min(best, height))
+        place, is_over = nodes[node], False
         for plane in range(len(planes)):
-            height = height_at(planes[plane], nodes[node])
-            rise[node, plane] = max(height - highest[plane], 0.0)
+            rise[node, plane] = max(height_at(planes[plane], place) - highest[plane], 0.0)
+            is_over |= rise[node, plane] > 0.0
+        best, second = -np.inf, -np.inf
+        for one in range(np.searchsorted(roof[:, 0], place[0] - reach) if is_over else len(roof), len(roof)):
+            east, north = roof[one, 0] - place[0], roof[one, 1] - place[1]
+            if east > reach:
+                break
+            if near[labels[one]] != node and east * east + north * north <= reach * reach:
+                near[labels[one]] = node
+                height = height_at(planes[labels[one]], place)
+                best, second = max(best, height), max(second, min(best, height))
+        for plane in range(len(planes) if is_over else 0):
             if near[plane] == node:
-                rise[node, plane] = min(rise[node, plane], max(height - second - MEETING, 0.0))
+                over = height_at(planes[plane], place) - second - MEETING
+                rise[node, plane] = min(rise[node, plane], max(over, 0.0))
     return rise
 
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
-from eaves.model import Integers, Labels, Points, Values
+from eaves.model import Integers, Labels, Mask, Points, Values
 from eaves.reconstruct.toolkit.ceiling import highest_of, rise_over
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
@@ -93,23 +93,17 @@ def settle_kernel(
     `most[n]` is none for it: it would leave it at once, whatever is around.
     """
     group, stamp, turn = np.full(len(labels), -1), np.full(len(labels), -1), 0
-    rim = np.empty((len(around), 2), np.int64)
+    rim, beside = np.empty((len(around), 2), np.int64), np.zeros(data.shape[1], np.bool_)
     start, may = np.zeros(len(labels) + 1, np.int64), np.empty(data.size, np.int64)
     for node in range(len(labels)):
         free = np.flatnonzero(data[node] <= most[node])
         start[node + 1] = start[node] + len(free)
         may[start[node] : start[node + 1]] = free
     for node in order:
-        group[0], best, least = node, 0, np.inf
-        stamp[node] = turn
+        group[0], stamp[node] = node, turn
         length = rim_kernel(borders.edges, around, first, group, 1, stamp, rim)
-        for place in range(start[node], start[node + 1]):
-            if data[node, may[place]] >= least:  # the call alone would take longer than what it finds
-                continue
-            cost = cost_kernel(data, borders, labels, group, 1, rim, length, may[place], least, 0.0)
-            if cost < least:
-                least, best = cost, may[place]
-        labels[node] = best
+        args = (data, borders, labels, group, 1, rim, length)
+        labels[node] = cheapest_kernel(*args, may[start[node] : start[node + 1]], 0, np.inf, 0.0, beside)
         turn += 1
     # when a node last moved, and when a seed last stayed
     moved, stayed = np.full(len(labels), -1), np.full((REGION + 1, len(labels)), -2)
@@ -139,13 +133,9 @@ def settle_kernel(
                     turn += 1
                     continue
                 args = (data, borders, labels, group, size, rim, length)
-                least, best = cost_kernel(*args, current, np.inf, region_cost) - LEAST_GAIN, current
-                for place in range(start[seed], start[seed + 1]):
-                    label = may[place]
-                    if label != current and data[seed, label] < least:
-                        cost = cost_kernel(*args, label, least, region_cost)
-                        if cost < least:
-                            least, best = cost, label
+                least = cost_kernel(*args, current, np.inf, region_cost) - LEAST_GAIN
+                choice = may[start[seed] : start[seed + 1]]
+                best = cheapest_kernel(*args, choice, current, least, region_cost, beside)
                 if best == current:
                     stayed[kind, seed] = turn
                 else:
@@ -155,6 +145,49 @@ def settle_kernel(
                 turn += 1
         if settled:
             break
+
+
+@kernel
+def cheapest_kernel(
+    data: Values,
+    borders: Borders,
+    labels: Integers,
+    group: Integers,
+    size: int,
+    rim: Integers,
+    length: int,
+    may: Integers,
+    best: int,
+    least: float,
+    region_cost: float,
+    beside: Mask,
+) -> int:
+    """The label among those a group `may` have (K,) that costs it least (`cost_kernel`), the first of equals,
+    or the `best` known, which costs the `least`; `beside` (L,) is false, before and after.
+
+    A label that no neighbour has pays at least the region and the least share of all borders: of most planes
+    that is more than a neighbour's label costs, and nothing further is asked of them.
+    """
+    floor, most = region_cost - LEAST_GAIN, least
+    for place in range(length):
+        edge, label = rim[place, 0], labels[rim[place, 1]]
+        if label != OUTSIDE:
+            floor += borders.least * borders.cost[edge]
+            if not beside[label]:
+                beside[label] = True
+                most = min(
+                    most,
+                    cost_kernel(data, borders, labels, group, size, rim, length, label, most, region_cost),
+                )
+    for label in may:
+        if data[group[0], label] < least and (beside[label] or data[group[0], label] + floor < most):
+            cost = cost_kernel(data, borders, labels, group, size, rim, length, label, least, region_cost)
+            if cost < least:
+                best, least = label, cost
+    for place in range(length):
+        if labels[rim[place, 1]] != OUTSIDE:
+            beside[labels[rim[place, 1]]] = False
+    return best
 
 
 @kernel

@@ -8,12 +8,10 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.figures.attributes import FEWEST_POINTS, Surface, surface_heights
-from eaves.geometry.components import connected_groups_kernel
-from eaves.geometry.face_table import FaceTable
+from eaves.geometry.face_table import FaceTable, roof_point_mask
+from eaves.geometry.inside import connected_groups_kernel
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.percentiles import quantile
-from eaves.geometry.planes import LINE_RATIO, add_point_kernel, plane_of_sums_kernel
-from eaves.geometry.roof_fit import roof_point_mask
+from eaves.geometry.planes import LINE_RATIO, add_point_kernel, plane_of_sums_kernel, quantile
 from eaves.kernels import kernel
 from eaves.model import (
     NO_PLANE,

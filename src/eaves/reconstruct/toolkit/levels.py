@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eaves.geometry.percentiles import group_percentiles, quantile
+from eaves.geometry.planes import group_percentiles, quantile
 from eaves.model import Integers, Points, Solid, Values
 from eaves.reconstruct.toolkit.evidence import (
     PRISM_PERCENTILE,

@@ -10,10 +10,10 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.components import members
-from eaves.geometry.percentiles import column_percentiles
+from eaves.geometry.inside import members
+from eaves.geometry.planes import column_percentiles
+from eaves.geometry.rings import COORDINATE_STEP, FLAT_SLOPE_DEG
 from eaves.geometry.tin import Tin
-from eaves.geometry.tolerance import COORDINATE_STEP, FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Integers, Labels, Mask, Points, Values

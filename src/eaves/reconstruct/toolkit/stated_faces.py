@@ -12,7 +12,7 @@ from shapely import Polygon
 
 from eaves.figures.attributes import describe_roof, surface_heights
 from eaves.geometry.inside import edges_of
-from eaves.geometry.percentiles import median
+from eaves.geometry.planes import median
 from eaves.model import BuildingModel, Failure, Points, RoofPlane, Values
 from eaves.model.cloud import canonical_order
 from eaves.reconstruct.toolkit.ceiling import height_over_points

@@ -13,11 +13,10 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.figures.attributes import LEAST_SHOWN, Surface, surface_heights
-from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.face_table import FaceTable
-from eaves.geometry.percentiles import quantile
-from eaves.geometry.rings import polygon_parts
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.inside import connected_groups_kernel, members
+from eaves.geometry.planes import quantile
+from eaves.geometry.rings import COORDINATE_STEP, polygon_parts
 from eaves.methods import parameter
 from eaves.model import ROOF_SURFACE, Installation, Points, Solid, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts

@@ -21,14 +21,15 @@ from numpy.typing import NDArray
 from eaves.formats import read_polygons, read_raster
 from eaves.formats.models.meshes import SURFACES
 from eaves.model import Integers, Mask, Points, Raster, Values
-from eaves.raster.agreement import (
+from eaves.raster.grid import (
     FALSE_NEGATIVE,
     FALSE_POSITIVE,
     TRUE_POSITIVE,
     UNKNOWN,
     agreement_codes,
+    cell_centres,
+    rasterize,
 )
-from eaves.raster.grid import cell_centres, rasterize
 from eaves.report.contents import Contents, finest_faces, local_rings, read_contents
 
 SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315.0, 45.0

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
 from eaves.geometry.inside import edges_of, points_in_polygons
-from eaves.geometry.pieces import joined_pieces, owned_by_neighbours
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.rings import COORDINATE_STEP, joined_pieces, owned_by_neighbours, pieces_between
 from eaves.methods import Method, parameter
-from eaves.outline.toolkit.shared_edges import welded_outlines
 from eaves.units.row_walls.evidence import WINDOW_M, Roofs
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 
@@ -93,24 +91,11 @@ def divide_outline(
     corners = shapely.points(shapely.get_coordinates([outline, *walls]))
     wall, corner = shapely.STRtree(corners).query(walls, predicate="dwithin", distance=NARROW_M)
     necks = shapely.shortest_line(corners[corner], walls[wall])
-    cuts = [outline.boundary, *walls, *necks[shapely.length(necks) > COORDINATE_STEP]]
-    pieces = [
-        piece
-        for piece in shapely.get_parts(
-            shapely.polygonize([shapely.union_all(cuts, grid_size=COORDINATE_STEP)])
-        )
-        if outline.covers(piece.representative_point())
-    ]
+    pieces = pieces_between(outline, [*walls, *necks[shapely.length(necks) > COORDINATE_STEP]])
     count = int(label.max(initial=0))
-    owner = owners_by_cells(pieces, plan, label, count)
-    joined = joined_pieces(pieces, owner, count)
-    parts = [part for part in joined if part is not None]
-    numbers = [k + 1 for k, part in enumerate(joined) if part is not None]
-    polygons = []
-    for part in welded_outlines(parts):
-        plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
-        polygons.append(shapely.orient_polygons(plain if plain.is_valid else part))
-    return polygons, numbers
+    joined = joined_pieces(pieces, owners_by_cells(pieces, plan, label, count), count)
+    parts = {k + 1: part for k, part in enumerate(joined) if part is not None}
+    return list(parts.values()), list(parts)
 
 
 def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int32], count: int) -> list[int]:

@@ -10,17 +10,10 @@ from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from eaves.geometry.rings import FLAT_SLOPE_DEG
 from eaves.geometry.tin import Tin, areas_and_radii
-from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.model import Failure, Mask, Points, Values
-from eaves.published.maas_vosselman.moments.invariants import (
-    ClosedForm,
-    Rectangle,
-    border_growth,
-    closed_forms,
-    surface_moments,
-)
 from eaves.published.maas_vosselman.moments.parametric_roof import (
     ACROSS,
     ALONG,
@@ -35,8 +28,13 @@ from eaves.published.maas_vosselman.moments.parametric_roof import (
     PLANE,
     RIGHT_SLOPE,
     TOP,
+    ClosedForm,
     ParametricFit,
+    Rectangle,
+    border_growth,
+    closed_forms,
     fit_parametric_roof,
+    surface_moments,
 )
 
 STRAY = 6.0

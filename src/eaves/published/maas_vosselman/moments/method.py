@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.figures.attributes import LEAST_SHOWN, NEAR_M, describe_roof
-from eaves.geometry.components import connected_groups_kernel, members
-from eaves.geometry.roof_fit import roof_point_mask
-from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.geometry.face_table import roof_point_mask
+from eaves.geometry.inside import connected_groups_kernel, members
+from eaves.geometry.rings import COORDINATE_STEP
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Mask, Points, RoofPlane, Solid
 from eaves.model.cloud import canonical_order
@@ -27,7 +27,6 @@ from eaves.published.maas_vosselman.moments.building import (
     fit_building,
     squared_up,
 )
-from eaves.published.maas_vosselman.moments.invariants import Rectangle
 from eaves.published.maas_vosselman.moments.parametric_roof import (
     ANGLE,
     CUT,
@@ -40,6 +39,7 @@ from eaves.published.maas_vosselman.moments.parametric_roof import (
     RIGHT_SLOPE,
     TOP,
     ParametricFit,
+    Rectangle,
     fit_parametric_roof,
 )
 from eaves.reconstruct.stage import Reconstructor
