@@ -88,6 +88,9 @@ def test_code_for_strided_arrays_does_for_others(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(sum_kernel, "ready", {})
     values = np.arange(6.0)
     assert sum_kernel(values) == sum_kernel(values[::2]) == "brought along"
+    brought[f"{sum_kernel.name}(<f8[1C])"] = (sum_kernel.fingerprint, lambda values: "its own")
+    monkeypatch.setattr(sum_kernel, "ready", {})
+    assert (sum_kernel(values), sum_kernel(values[::2])) == ("its own", "brought along")
     assert not kernels.fits(f"{sum_kernel.name}(<f8[2C])", call)  # of two dimensions
     assert not kernels.fits(call, f"{sum_kernel.name}(<f8[1C])")  # and not the other way round
     assert kernels.fits("m.k(<i4[2C], |u1[1C], int)", "m.k(<i4[2Au], |u1[1A], int)")

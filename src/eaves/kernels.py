@@ -80,9 +80,12 @@ class Kernel:
         """The compiled function for such arguments: the package's, if it has a fitting one, else numba's."""
         say_first_use()
         call = f"{self.name}({', '.join(map(sort_of, args))})"
-        for listed, (fingerprint, function) in library().items():
-            if listed.startswith(f"{self.name}(") and fits(call, listed) and fingerprint == self.fingerprint:
-                return function
+        entries = library()
+        if call not in entries:
+            near = (one for one in entries if one.startswith(f"{self.name}(") and fits(call, one))
+            call = next(near, call)
+        if call in entries and entries[call][0] == self.fingerprint:
+            return entries[call][1]
         by_numba: Callable[..., Any] = self.dispatcher
         return by_numba
 
