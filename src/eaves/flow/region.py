@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,15 @@ from eaves.flow.step import (
     squares_read,
     store_of,
 )
-from eaves.flow.tiles import Area, GivenFootprints, bounds_by_tile, given_in, inputs_meeting, squares_of_area
+from eaves.flow.tiles import (
+    Area,
+    GivenFootprints,
+    TileRecord,
+    bounds_by_tile,
+    given_in,
+    inputs_meeting,
+    squares_of_area,
+)
 from eaves.formats import InputError
 from eaves.formats.whole_files import DiskFullError, atomic
 from eaves.model import GRID_STEP, Block, Bounds, CoordinateSystem, PointCloud
@@ -64,9 +72,6 @@ from eaves.run.points import (
 )
 from eaves.run.store import Results, Store
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
-
-if TYPE_CHECKING:
-    from eaves.flow.tiles import GivenFootprints, TileRecord
 
 log = logging.getLogger("eaves")
 
@@ -307,7 +312,7 @@ def note_part(region: Region, part: FileSlice, broken: Sequence[str]) -> None:
     """Note what is known of a part of an input that was read, or of which lines say what broke it."""
     if not region.store.has(POINTS.name, part):
         region.parts.pop(part.name, None)
-        reasons = (line for line in broken if line.startswith(part.label))
+        reasons = (line for line in broken if line.startswith(f"{part.label}: "))
         region.unread.setdefault(part.number, next(reasons, f"{part.label}: could not be read"))
         return
     facts: PartFacts = POINTS.result(region.store, part)
