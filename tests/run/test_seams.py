@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tests.conftest import build_in_blocks, but_first
 
-from eaves.blocks.points import compare_heights, find_steps, shared_places
+from eaves.blocks.seams import compare_heights, find_steps, shared_places
 from eaves.model import Block, Points
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 

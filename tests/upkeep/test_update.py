@@ -16,7 +16,7 @@ import pytest
 import shapely
 from pyproj import CRS
 
-from eaves.blocks.points import GAP_CELLS, find_superseded, inputs_of_superseded, pair_same
+from eaves.blocks.superseded import GAP_CELLS, find_superseded, inputs_of_superseded, pair_same
 from eaves.flow.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.formats import InputError, read_polygons
 from eaves.model import Block

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 
-from eaves.blocks.points import find_steps
+from eaves.blocks.seams import find_steps
 from eaves.detect.given_classes import GivenClasses
 from eaves.flow.formats import memory_of_points
 from eaves.footprints.read import box_text

@@ -14,7 +14,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.blocks.points import FEW_PER_M2, REACH, Heights, compare_heights, shared_places
+from eaves.blocks.points import FEW_PER_M2
+from eaves.blocks.seams import REACH, Heights, compare_heights, shared_places
 from eaves.buildings.building_file import NUMBERS, SavedBuildings
 from eaves.buildings.gather import (
     OwnedBuildings,

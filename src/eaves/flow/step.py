@@ -31,12 +31,11 @@ from eaves.blocks.ground import (
 )
 from eaves.blocks.points import (
     find_sharpened,
-    find_superseded,
     find_thinned,
     inputs_of_sharpened,
-    inputs_of_superseded,
     inputs_of_thinned,
 )
+from eaves.blocks.superseded import find_superseded, inputs_of_superseded
 from eaves.buildings.building_file import load_buildings
 from eaves.buildings.owned import inputs_of_buildings, model_buildings
 from eaves.flow.refusals import copies_records
@@ -333,7 +332,7 @@ POINTS = Step(
 """Its units are the parts of the inputs, whose points it puts into their blocks."""
 SUPERSEDED = Step(
     name=keys.SUPERSEDED,
-    code=(*keys.BASE, "blocks/points.py"),
+    code=(*keys.BASE, "blocks/superseded.py"),
     takes=(Input(load=load_scans, rings=1),),
     inputs_of=inputs_of_superseded,
     run=find_superseded,

@@ -279,7 +279,7 @@ def update(
     """A run's results after a later scan of a part of its area, after a person's edits, or both.
 
     It is a build over what the run kept: a step that takes what it took before is found by its key. New
-    points take the place of the earlier ones in the area that they cover (`eaves.blocks.points`); what
+    points take the place of the earlier ones in the area that they cover (`eaves.blocks.superseded`); what
     comes out is what a build of the points that stay and the new ones gives, but for buildings that these
     only confirm: where they took the place of earlier points of a group of buildings that stand wall to
     wall, and it differs nowhere by as much as a comparison of both epochs would list, it stays as it was.
