@@ -21,7 +21,9 @@ $(BIN)/eaves: pyproject.toml
 demo: .demo/bin/eaves
 	.demo/bin/eaves demo --out demo-out
 
-# A process for each core; the tests of a file stay together, for they share what they build.
+# A process for each core; the tests of a file stay together, for they share what they build. Bytecode is kept,
+# whatever the shell says: commands that tests start would compile the whole package each time.
+test test-all: export PYTHONDONTWRITEBYTECODE :=
 test: $(BIN)/eaves
 	$(BIN)/python -m pytest -n auto --dist loadfile
 

@@ -62,19 +62,26 @@ def test_files_cut_elsewhere_and_points_shuffled_change_nothing(
     assert heads[0] == heads[1]
 
 
-def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    assert build_in_blocks(30.0, nine_roofs_file, tmp_path).complete
-    expected, got = list(footprints(whole).values()), list(footprints(tmp_path).values())
+@pytest.fixture(scope="module")
+def in_small_blocks(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("blocks")
+    assert build_in_blocks(30.0, nine_roofs_file, folder).complete
+    return folder
+
+
+def test_small_blocks_leave_no_seam(whole: Path, in_small_blocks: Path) -> None:
+    expected, got = list(footprints(whole).values()), list(footprints(in_small_blocks).values())
     assert len(expected) == len(got)
     for polygon in expected:
         overlap = max(polygon.intersection(one).area / polygon.union(one).area for one in got)
         assert overlap > 0.95
 
 
-def test_processes_give_what_one_process_gives(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    build_in_blocks(60.0, nine_roofs_file, tmp_path / "one")
-    build_in_blocks(60.0, nine_roofs_file, tmp_path / "two", jobs=2)
-    one, two = footprints(tmp_path / "one"), footprints(tmp_path / "two")
+def test_processes_give_what_one_process_gives(
+    in_small_blocks: Path, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    build_in_blocks(30.0, nine_roofs_file, tmp_path, jobs=2)
+    one, two = footprints(in_small_blocks), footprints(tmp_path)
     assert one.keys() == two.keys()
     assert all(one[name].equals(two[name]) for name in one)
 

@@ -299,6 +299,7 @@ def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
     assert "the folder of a run" in one_line(eaves("export", later, "--formats", "obj"))
 
 
+@pytest.mark.slow
 def test_a_second_run_gives_the_same_bytes(built: Path, again: Path) -> None:
     for name in ("buildings.city.jsonl", "mask.tif", "dtm.tif", "classified.laz"):
         assert (built / name).read_bytes() == (again / name).read_bytes(), name

@@ -352,6 +352,7 @@ def test_random_edits_leave_a_valid_town__with_the_files_of_an_update(
     session_of()
 
 
+@pytest.mark.slow
 def test_a_run_that_kept_nothing_is_edited__and_keeps_nothing(tmp_path: Path) -> None:
     files = write_simulation(nine_roofs_on_a_slope(density=4.0, seed=1), tmp_path / "nine")
     build(files["points"], tmp_path / "out", jobs=1, outputs=("footprints", "models"))

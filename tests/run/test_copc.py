@@ -6,6 +6,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import pytest
 from tests.conftest import build_files
 from tests.formats.copc_writer import write_copc
 from tests.run.test_long_buildings import features
@@ -13,6 +14,7 @@ from tests.run.test_long_buildings import features
 from eaves.formats import iter_chunks, open_source
 
 
+@pytest.mark.slow
 def test_copc_gives_what_laz_gives(nine_roofs_file: Path, tmp_path: Path) -> None:
     write_copc(tmp_path / "points.copc.laz", laspy.read(nine_roofs_file))
     assert build_files(nine_roofs_file, tmp_path / "laz").complete

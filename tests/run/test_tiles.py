@@ -135,6 +135,7 @@ def stop_after(count: int) -> Callable[[str, int, int], None]:
     return stop
 
 
+@pytest.mark.slow
 def test_a_run_that_was_broken_off_goes_on_with_the_tiles_left(crossed: Path, tmp_path: Path) -> None:
     build(crossed, tmp_path / "whole")
     with pytest.raises(StoppedError):
@@ -181,6 +182,7 @@ def test_what_no_tile_can_reach_any_more_is_let_go(crossed: Path, tmp_path: Path
     assert max(rooms) < 0.3 * total
 
 
+@pytest.mark.slow
 def test_edits_are_carried_out_as_in_one_piece(crossed: Path, tmp_path: Path) -> None:
     def edited(region: Region, owners: list[Block]) -> list[Block]:
         outlines = list(outlines_in(SavedBuildings(region.store), SIDE).items())

@@ -122,6 +122,7 @@ def test_without_classes_of_their_own_decks_stay_what_they_were(survey: Path, tm
     assert set(np.unique(classes)) <= {1, 2, 6, 7, 18}
 
 
+@pytest.mark.slow
 def test_echoes_that_came_late_make_no_deck_of_the_ground_over_them(tmp_path: Path) -> None:
     """Clusters of up to 20 points, .2 to 5 m and more under the ground: .5 % of a drawn town."""
     scene = scan_town(simulate_town(0.015, seed=7), 8.0, 0.03, seed=7)
