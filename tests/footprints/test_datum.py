@@ -9,11 +9,13 @@ from pathlib import Path
 
 import geopandas
 import numpy as np
+import pytest
 import shapely
 from pyproj import CRS, Transformer
 from tests.conftest import write_laz
 
 
+@pytest.mark.slow
 def test_messages_of_proj_stay_off_the_screen__where_it_lacks_the_grid(tmp_path: Path) -> None:
     place = np.array([690000.0, 5336000.0, 500.0])
     rng = np.random.default_rng(1)

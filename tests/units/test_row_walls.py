@@ -15,7 +15,6 @@ from eaves.units.row_walls.division import MergeRules, RowUnits, merged_units
 from eaves.units.row_walls.evidence import EVEN, USUAL_NOISE_M, Roofs, roof_noise, traits_of, wall_signs
 from eaves.units.row_walls.method import LARGE, SURE, chances_of, odds_of_several, sums_kernel
 from eaves.units.row_walls.rows import HouseRow, Plan
-from tests.conftest import but_first
 
 HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
 
@@ -279,7 +278,8 @@ def whole_row() -> HouseRow:
     return HouseRow(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(96), np.full(96, DEPTH))
 
 
-@pytest.mark.parametrize(("length", "turn"), but_first([(400.0, 45.0), (1000.0, 0.0)]))
+@pytest.mark.slow
+@pytest.mark.parametrize(("length", "turn"), [(400.0, 45.0), (1000.0, 0.0)])
 def test_a_long_row_is_divided_in_little_memory(length: float, turn: float) -> None:
     rng = np.random.default_rng(1)
     x, y = rng.uniform(0, length, round(36 * length)), rng.uniform(0, DEPTH, round(36 * length))
