@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 
@@ -53,44 +53,72 @@ class BuildingMesh:
         chosen = self.surface[self.face] == surface
         return np.asarray(self.triangles[chosen])
 
-    def flat_shaded(self, surface: int) -> tuple[Points, Points, Integers]:
-        """Positions (K, 3), normals (K, 3) and triangles (T', 3) of one kind of surface, with a vertex for
-        every face it belongs to, so that edges between faces stay sharp."""
-        chosen = self.surface[self.face] == surface
-        corners = self.face[chosen, None] * len(self.vertices) + self.triangles[chosen]
-        pairs, numbers = np.unique(corners, return_inverse=True)
-        face, vertex = np.divmod(pairs, max(len(self.vertices), 1))
-        return self.vertices[vertex], self.normal[face], numbers.reshape(-1, 3)
+    def flat_shaded(self, part: Integers) -> tuple[Integers, Integers, Integers]:
+        """The face (K,) and the vertex (K,) of vertices that each belong to one face, so that edges between
+        faces stay sharp, and the triangles (T, 3) that they make, both in the order of the `part` (F,) that a
+        face is of."""
+        order = np.argsort(part[self.face], kind="stable")
+        face, count = self.face[order], len(self.vertices)
+        rank = part[face] * len(self.surface) + face
+        pairs, numbers = np.unique(rank[:, None] * count + self.triangles[order], return_inverse=True)
+        face, vertex = np.divmod(pairs % max(len(self.surface) * count, 1), max(count, 1))
+        return face, vertex, numbers.reshape(-1, 3)
+
+    @classmethod
+    def join(cls, meshes: Sequence[BuildingMesh]) -> BuildingMesh:
+        """One mesh of several about the same origin, in their order."""
+        vertex = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)]).tolist()
+        face = np.cumsum([0, *(len(mesh.surface) for mesh in meshes)]).tolist()
+        return cls(
+            np.concatenate([mesh.vertices for mesh in meshes]),
+            np.concatenate([mesh.triangles + first for mesh, first in zip(meshes, vertex, strict=False)]),
+            np.concatenate([mesh.face + first for mesh, first in zip(meshes, face, strict=False)]),
+            np.concatenate([mesh.surface for mesh in meshes]),
+            np.concatenate([mesh.normal for mesh in meshes]),
+        )
 
 
-def with_meshes(
-    results: Iterable[BuildingModel | Failure],
-) -> Iterator[tuple[BuildingModel | Failure, BuildingMesh | None]]:
-    """Results, each with the mesh of its finest level; None for a failure and for a model without solids.
+@dataclass(frozen=True, eq=False)
+class MeshedPiece:
+    """Results that were cut into triangles together: one mesh of their finest levels, and the first vertex
+    and the first face in it of each result (K + 1,); those without solids have none."""
 
-    The faces of `AT_ONCE` buildings are cut into triangles together.
-    """
+    results: Sequence[BuildingModel | Failure]
+    mesh: BuildingMesh
+    vertices: Integers
+    faces: Integers
+
+
+def meshed_pieces(results: Iterable[BuildingModel | Failure]) -> Iterator[MeshedPiece]:
+    """Results in pieces of `AT_ONCE`, with their meshes."""
     waiting = iter(results)
     while piece := list(islice(waiting, AT_ONCE)):
         finest = [
             one.solids[one.lod] if isinstance(one, BuildingModel) and one.solids else () for one in piece
         ]
-        whole = mesh_of_solids(chain(*finest))
         vertices = np.cumsum([0, *(sum(len(solid.vertices) for solid in solids) for solids in finest)])
         faces = np.cumsum([0, *(sum(len(solid.surfaces) for solid in solids) for solids in finest)])
-        triangles = np.searchsorted(whole.face, faces)
-        for number, (result, solids) in enumerate(zip(piece, finest, strict=True)):
+        yield MeshedPiece(piece, mesh_of_solids(chain(*finest)), vertices, faces)
+
+
+def with_meshes(
+    results: Iterable[BuildingModel | Failure],
+) -> Iterator[tuple[BuildingModel | Failure, BuildingMesh | None]]:
+    """Results, each with the mesh of its finest level; None for a failure and for a model without solids."""
+    for piece in meshed_pieces(results):
+        whole, triangles = piece.mesh, np.searchsorted(piece.mesh.face, piece.faces)
+        for number, result in enumerate(piece.results):
             of_vertex, of_face, of_triangle = (
-                slice(*bounds[number : number + 2]) for bounds in (vertices, faces, triangles)
+                slice(*bounds[number : number + 2]) for bounds in (piece.vertices, piece.faces, triangles)
             )
             mesh = BuildingMesh(
                 whole.vertices[of_vertex],
-                whole.triangles[of_triangle] - vertices[number],
-                whole.face[of_triangle] - faces[number],
+                whole.triangles[of_triangle] - piece.vertices[number],
+                whole.face[of_triangle] - piece.faces[number],
                 whole.surface[of_face],
                 whole.normal[of_face],
             )
-            yield result, mesh if solids else None
+            yield result, mesh if isinstance(result, BuildingModel) and result.solids else None
 
 
 def with_solids(results: Iterable[BuildingModel | Failure]) -> Iterator[BuildingModel]:
