@@ -14,11 +14,10 @@ import json
 import shutil
 import struct
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -101,30 +100,27 @@ def write_glb(
     count = read = 0
     origin: tuple[float, float] | None = None
     nodes: list[Json] = []
-    with atomic(path) as temporary, GlbParts(temporary) as parts:
-        for piece in meshed_pieces(models):
-            of_vertex, of_face = (
-                np.repeat(np.arange(len(piece.results)), np.diff(first))
-                for first in (piece.vertices, piece.faces)
-            )
-            base = np.full(len(piece.results), np.inf)
-            np.minimum.at(base, of_vertex, piece.mesh.vertices[:, 2])
+    with atomic(path) as temporary, closing(GlbParts(temporary)) as parts:
+        for piece, mesh, vertices, faces in meshed_pieces(models):
+            of_vertex, of_face = (np.arange(len(piece)).repeat(np.diff(first)) for first in (vertices, faces))
+            base = np.full(len(piece), np.inf)
+            np.minimum.at(base, of_vertex, mesh.vertices[:, 2])
             base = np.floor(base, where=np.isfinite(base), out=np.zeros(len(base)))
-            primitives = [list[Json]() for _ in piece.results]
-            for building, primitive, _ in mesh_primitives(parts, piece.mesh, of_face, base[of_vertex]):
-                primitives[building].append(primitive)
-            for number, result in enumerate(piece.results):
+            primitives: dict[int, list[Json]] = {}
+            for building, primitive, _ in mesh_primitives(parts, mesh, of_face, base[of_vertex]):
+                primitives.setdefault(building, []).append(primitive)
+            for number, result in enumerate(piece):
                 read, footprint = read + 1, result.footprint
                 if footprint is None:
                     continue
                 origin = origin or footprint.origin
-                node: Json = {"name": footprint.id or f"building-{read}"}
-                node["extras"] = clean(attributes_of(result))
+                name = footprint.id or f"building-{read}"
                 east, north = footprint.origin[0] - origin[0], footprint.origin[1] - origin[1]
-                node["translation"] = [east, float(base[number]), -north]
-                if piece.vertices[number] < piece.vertices[number + 1]:
-                    mesh = {"name": node["name"], "primitives": primitives[number]}
-                    node["mesh"] = parts.add("meshes", mesh)
+                place = {"translation": [east, float(base[number]), -north]}
+                node: Json = {"name": name, "extras": clean(attributes_of(result)), **place}
+                if vertices[number] < vertices[number + 1]:
+                    own = {"name": name, "primitives": primitives.get(number, [])}
+                    node["mesh"] = parts.add("meshes", own)
                     count += 1
                 nodes.append(node)
         extras = scene_extras(system, origin or (0.0, 0.0)) | provenance.members
@@ -191,12 +187,8 @@ class GlbParts:
         self._files = ExitStack()
         self._streams: dict[str, tuple[int, SpooledTemporaryFile[bytes], Json]] = {}
 
-    def __enter__(self) -> GlbParts:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Close the streams."""
         self._files.close()
 
     def add(self, name: str, item: Json) -> int:

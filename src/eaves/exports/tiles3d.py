@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
@@ -201,7 +202,7 @@ def write_content(
         }
         for model in models
     ]
-    with GlbParts(path) as parts:
+    with closing(GlbParts(path)) as parts:
         primitives = [
             add_feature_numbers(parts, primitive, number[vertex], len(models))
             for _, primitive, vertex in mesh_primitives(parts, mesh, together, low[2])

@@ -29,7 +29,6 @@ from .models.cityjson_read import system_of_head as system_of_head
 from .models.meshes import COLOURS as COLOURS
 from .models.meshes import SURFACES as SURFACES
 from .models.meshes import BuildingMesh as BuildingMesh
-from .models.meshes import MeshedPiece as MeshedPiece
 from .models.meshes import mesh_of_solids as mesh_of_solids
 from .models.meshes import meshed_pieces as meshed_pieces
 from .models.meshes import with_meshes as with_meshes

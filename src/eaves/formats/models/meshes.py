@@ -78,19 +78,11 @@ class BuildingMesh:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class MeshedPiece:
-    """Results that were cut into triangles together: one mesh of their finest levels, and the first vertex
-    and the first face in it of each result (K + 1,); those without solids have none."""
-
-    results: Sequence[BuildingModel | Failure]
-    mesh: BuildingMesh
-    vertices: Integers
-    faces: Integers
-
-
-def meshed_pieces(results: Iterable[BuildingModel | Failure]) -> Iterator[MeshedPiece]:
-    """Results in pieces of `AT_ONCE`, with their meshes."""
+def meshed_pieces(
+    results: Iterable[BuildingModel | Failure],
+) -> Iterator[tuple[list[BuildingModel | Failure], BuildingMesh, Integers, Integers]]:
+    """Results, `AT_ONCE` at a time, with one mesh of the finest levels of all, and the first vertex and the
+    first face in it of each result (K + 1,); a failure and a model without solids have none."""
     waiting = iter(results)
     while piece := list(islice(waiting, AT_ONCE)):
         finest = [
@@ -98,37 +90,32 @@ def meshed_pieces(results: Iterable[BuildingModel | Failure]) -> Iterator[Meshed
         ]
         vertices = np.cumsum([0, *(sum(len(solid.vertices) for solid in solids) for solids in finest)])
         faces = np.cumsum([0, *(sum(len(solid.surfaces) for solid in solids) for solids in finest)])
-        yield MeshedPiece(piece, mesh_of_solids(chain(*finest)), vertices, faces)
+        yield piece, mesh_of_solids(chain(*finest)), vertices, faces
 
 
 def with_meshes(
     results: Iterable[BuildingModel | Failure],
 ) -> Iterator[tuple[BuildingModel | Failure, BuildingMesh | None]]:
     """Results, each with the mesh of its finest level; None for a failure and for a model without solids."""
-    for piece in meshed_pieces(results):
-        whole, triangles = piece.mesh, np.searchsorted(piece.mesh.face, piece.faces)
-        for number, result in enumerate(piece.results):
+    for piece, whole, vertices, faces in meshed_pieces(results):
+        triangles = np.searchsorted(whole.face, faces)
+        for number, result in enumerate(piece):
             of_vertex, of_face, of_triangle = (
-                slice(*bounds[number : number + 2]) for bounds in (piece.vertices, piece.faces, triangles)
+                slice(*bounds[number : number + 2]) for bounds in (vertices, faces, triangles)
             )
             mesh = BuildingMesh(
                 whole.vertices[of_vertex],
-                whole.triangles[of_triangle] - piece.vertices[number],
-                whole.face[of_triangle] - piece.faces[number],
+                whole.triangles[of_triangle] - vertices[number],
+                whole.face[of_triangle] - faces[number],
                 whole.surface[of_face],
                 whole.normal[of_face],
             )
-            yield result, mesh if isinstance(result, BuildingModel) and result.solids else None
+            yield result, mesh if len(mesh.vertices) else None
 
 
 def with_solids(results: Iterable[BuildingModel | Failure]) -> Iterator[BuildingModel]:
     """The buildings among results that have solids."""
     return (one for one in results if isinstance(one, BuildingModel) and one.solids)
-
-
-def mesh_of(result: BuildingModel | Failure) -> BuildingMesh | None:
-    """The mesh of the finest level of a building; None for a failure and for a model without solids."""
-    return next(mesh for _, mesh in with_meshes([result]))
 
 
 def mesh_of_solids(solids: Iterable[Solid]) -> BuildingMesh:
