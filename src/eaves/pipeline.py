@@ -57,8 +57,8 @@ from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
     from eaves.buildings.gather import OwnedBuildings
+    from eaves.flow.classified import PointSink
     from eaves.flow.corrected import CarriedEdits
-    from eaves.flow.formats import PointSink
 
 log = logging.getLogger("eaves")
 

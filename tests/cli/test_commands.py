@@ -116,6 +116,21 @@ def test_help_imports_nothing_that_computes() -> None:
     assert done.stdout.splitlines()[-1] == "[]", done.stdout + done.stderr
 
 
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("eaves.flow.advice", ("scipy.ndimage", "scipy.spatial", "rasterio", "pyogrio")),
+        ("eaves.exports.run", ("scipy", "rasterio", "laspy", "pyogrio")),
+    ],
+)
+def test_a_scan_is_described_and_models_exported_without_what_only_runs_need(
+    module: str, heavy: tuple[str, ...]
+) -> None:
+    script = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "[]", done.stdout + done.stderr
+
+
 def test_methods_are_listed_with_their_papers() -> None:
     done = eaves("methods", "ground")
     assert "adaptive_tin (default)" in done.stdout

@@ -18,11 +18,12 @@ import shapely
 import shapely.affinity
 from shapely import Polygon
 
-from eaves.exports import write_3dtiles, write_glb, write_obj
+from eaves.exports import lod_layers, write_3dtiles, write_glb, write_lod_layers, write_obj
 from eaves.exports.ifc import write_ifc
 from eaves.flow.formats import check_formats
-from eaves.formats import write_geoparquet
+from eaves.formats import read_polygons, write_geoparquet
 from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.models import meshes
 from eaves.formats.models.meshes import mesh_of_solids
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
@@ -147,6 +148,29 @@ def test_glb_normals_are_those_of_the_faces(tmp_path: Path) -> None:
         name = document["materials"][primitive["material"]]["name"]
         up = {ROOF_SURFACE: 1.0, GROUND_SURFACE: -1.0, WALL_SURFACE: 0.0}[name]
         assert np.allclose(raw[:, 1], up)
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_files_do_not_depend_on_how_many_buildings_are_made_at_once(
+    tmp_path: Path, town: list[BuildingModel | Failure], monkeypatch: pytest.MonkeyPatch, at_once: int
+) -> None:
+    write_glb(tmp_path / "whole.glb", town, DUTCH)
+    write_lod_layers(tmp_path / "whole.gpkg", town, DUTCH)
+    monkeypatch.setattr(meshes, "AT_ONCE", at_once)
+    monkeypatch.setattr(lod_layers, "AT_ONCE", at_once)
+    write_glb(tmp_path / "parts.glb", town, DUTCH)
+    write_lod_layers(tmp_path / "parts.gpkg", town, DUTCH)
+    assert (tmp_path / "parts.glb").read_bytes() == (tmp_path / "whole.glb").read_bytes()
+    one, other = (
+        read_polygons(tmp_path / f"{name}.gpkg", layer="lod_2_2", keep_all=True)
+        for name in ("whole", "parts")
+    )
+    assert [shape.wkb for shape in one[0]] == [shape.wkb for shape in other[0]] and one[2] == other[2]
+    roofs = [row for row in one[2] if row["surface"] == ROOF_SURFACE]
+    assert [(row["id"], row["area_m2"], row["face_count"]) for row in roofs] == [
+        ("a b", COURT.area, 1),
+        ("d", COURT.area, 1),
+    ]
 
 
 KHRONOS = """

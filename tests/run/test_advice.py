@@ -9,12 +9,13 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from scipy import ndimage
 from tests.conftest import write_laz
 from typer.testing import CliRunner
 
 from eaves import Summary
 from eaves.cli.app import make_app
-from eaves.flow.advice import POINT_S, ROOF_POINT_S, START_S, ScanFacts, scan_facts
+from eaves.flow.advice import POINT_S, ROOF_POINT_S, START_S, ScanFacts, _cover, scan_facts
 from eaves.flow.run import open_run, plan_run
 from eaves.pipeline import build_run, hold_folder
 from eaves.run.index import index_inputs
@@ -226,3 +227,20 @@ def test_run_json_has_the_remarks_of_a_run__none_of_a_plain_one(scan: Path, tmp_
         told = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
         assert told["remarks"] == ["7 points are doubled"]
         assert build_run(run, workers).remarks == ()
+
+
+def test_voids_and_pieces_are_those_of_the_cells_with_points() -> None:
+    x, y = (axis.ravel() for axis in np.mgrid[0.5:200.0, 0.5:100.0])
+    court = (abs(x - 60.0) < 20.0) & (abs(y - 50.0) < 20.0)
+    bay = (abs(x - 20.0) < 10.0) & (y < 30.0)  # open to the outside: no void
+    apart = (x > 150.0) & (x < 170.0)
+    xyz = np.column_stack([x, y, np.zeros(len(x))])[~(court | bay | apart)]
+    area, void, pieces, middle = _cover(xyz)
+    side = 4.0 * (199.0 * 99.0 / len(xyz)) ** 0.5
+    column, row = np.floor((xyz[:, :2] - 0.5) / side).astype(int).T
+    cells = np.zeros((column.max() + 1, row.max() + 1), bool)
+    cells[column, row] = True
+    label, count = ndimage.label(cells, np.ones((3, 3)))
+    assert pieces == count == 2 and area == pytest.approx(cells.sum() * side**2)
+    assert middle == pytest.approx((label == label[0, 0]).sum() * side**2)
+    assert void == round(1.0 - cells.sum() / ndimage.binary_fill_holes(cells).sum(), 4) > 0.05

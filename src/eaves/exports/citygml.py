@@ -11,10 +11,10 @@ generic ones, those that the standard knows (`roofType`, `measuredHeight`, `stor
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import escape, quoteattr
@@ -32,9 +32,9 @@ from eaves.formats import (
     plane_part,
     reference_system,
 )
-from eaves.geometry import FaceTable
 from eaves.model import (
     LOCAL_METRES,
+    NO_PLANE,
     NOTHING_KNOWN,
     BuildingModel,
     CoordinateSystem,
@@ -232,6 +232,15 @@ def xml_name(text: str) -> str:
     return name if name[:1].isalpha() or name[:1] == "_" else f"_x_{name}"
 
 
+def flat_face(polygon: Polygon, height: float) -> Solid:
+    """A polygon at a height (m) as one face that looks up."""
+    rings = [np.asarray(ring.coords)[:-1, :2] for ring in (polygon.exterior, *polygon.interiors)]
+    plan = np.concatenate([ring if polygon.exterior.is_ccw else ring[::-1] for ring in rings])
+    vertices = np.column_stack([plan, np.full(len(plan), height)])
+    sizes, count = np.array([len(ring) for ring in rings]), np.array([len(rings)])
+    return Solid(vertices, np.arange(len(plan)), sizes, count, np.array([""]), np.array([NO_PLANE]))
+
+
 class _GmlBuilding:
     """Writes one building; `low` and `high` are its extent then."""
 
@@ -270,6 +279,13 @@ class _GmlBuilding:
         base = min(bottoms) if bottoms else float(self.attributes.get("h_ground") or 0.0)
         whole = {level: parts[0] for level, parts in chosen.items() if len(parts) == 1}
         several = {level: parts for level, parts in chosen.items() if len(parts) > 1}
+        parts = [
+            {level: parts[number] for level, parts in several.items() if number < len(parts)}
+            for number in range(max(map(len, several.values()), default=0))
+        ]
+        objects = self.result.installations if isinstance(self.result, BuildingModel) else ()
+        written = [*whole.values(), *(one.solid for one in objects), *chain(*map(dict.values, parts))]
+        self.faces = self._faces([flat_face(self.footprint.polygon, base), *written])
         self.file.write(f'<core:cityObjectMember><bldg:Building gml:id="{self.identifier}">\n')
         self.file.write(f"<gml:name>{escape(self.footprint.id)}</gml:name>\n" if self.footprint.id else "")
         self.file.writelines(self._generic(self.attributes))
@@ -280,11 +296,10 @@ class _GmlBuilding:
                 self.file.write(f'<bldg:measuredHeight uom="m">{float(height):.3f}</bldg:measuredHeight>\n')
             self.file.write(self._known("storeysAboveGround"))
         self._geometry(whole, base, height)
-        for number in range(max((len(parts) for parts in several.values()), default=0)):
-            name = f"{self.identifier}-{number + 1}"
+        for number, part in enumerate(parts, 1):
+            name = f"{self.identifier}-{number}"
             self.file.write(f'<{self.version.part}><bldg:BuildingPart gml:id="{name}">\n')
-            of_part = {level: parts[number] for level, parts in several.items() if number < len(parts)}
-            self._geometry(of_part, None, None)
+            self._geometry(part, None, None)
             self.file.write(f"</bldg:BuildingPart></{self.version.part}>\n")
         self.file.write("</bldg:Building></core:cityObjectMember>\n")
 
@@ -322,7 +337,7 @@ class _GmlBuilding:
         """The footprint, where `base` says how high it lies, and the solids, each version in its order."""
         pieces: dict[str, str] = {}
         if base is not None:
-            flat = self._multi([self._footprint(self.footprint.polygon, base)])
+            flat = self._multi([self._polygon(next(self.faces))[1]])
             pieces["0"] = f"<{self.version.footprint}>{flat}</{self.version.footprint}>\n"
         surfaces = ""
         for level, solid in solids.items():
@@ -350,7 +365,7 @@ class _GmlBuilding:
 
     def _shell(self, solid: Solid) -> str:
         """The faces of a solid as surface members."""
-        faces = (self._polygon(rings)[1] for rings in self._faces(FaceTable.of_solids([solid])))
+        faces = (self._polygon(rings)[1] for rings in islice(self.faces, len(solid.surfaces)))
         return "".join(f"<gml:surfaceMember>{face}</gml:surfaceMember>" for face in faces)
 
     def _closed(self, shell: str) -> str:
@@ -363,9 +378,8 @@ class _GmlBuilding:
     def _surfaces(self, solid: Solid) -> tuple[str, str]:
         """The bounding surfaces of LoD 2, one a face, and the references of the solid to them."""
         made, references = [], []
-        faces = self._faces(FaceTable.of_solids([solid]))
-        for surface, rings in zip(solid.surfaces.tolist(), faces, strict=True):
-            name, polygon = self._polygon(rings)
+        for surface in solid.surfaces.tolist():
+            name, polygon = self._polygon(next(self.faces))
             kind = f"{self.version.surface}:{surface}"
             tag = "bldg:lod2MultiSurface" if self.version is CITYGML_2 else "core:lod2MultiSurface"
             made.append(
@@ -380,22 +394,21 @@ class _GmlBuilding:
         identity = "" if self.version is CITYGML_2 else f' gml:id="{self._next()}"'
         return f"<gml:MultiSurface{identity}{self.place}>{members}</gml:MultiSurface>"
 
-    def _footprint(self, polygon: Polygon, base: float) -> str:
-        flat = [np.asarray(ring.coords)[:-1, :2] for ring in (polygon.exterior, *polygon.interiors)]
-        flat = [ring if polygon.exterior.is_ccw else ring[::-1] for ring in flat]
-        level = FaceTable.of([[np.column_stack([ring, np.full(len(ring), base)]) for ring in flat]])
-        return self._polygon(next(self._faces(level)))[1]
-
-    def _faces(self, table: FaceTable) -> Iterator[list[str]]:
-        """The coordinates of the rings of each face, in the system's units."""
-        world = ((table.corners + self.origin) / self.unit)[:, self.axes]
-        self.low = np.minimum(self.low, world.min(axis=0, initial=np.inf))
-        self.high = np.maximum(self.high, world.max(axis=0, initial=-np.inf))
-        corners = position_texts(world)
-        starts = table.ring_start.tolist()
-        ends = zip(starts, [*starts[1:], len(corners)], strict=True)
-        rings = (" ".join([*corners[start:end], corners[start]]) for start, end in ends)
-        return (list(islice(rings, count)) for count in table.ring_counts.tolist())
+    def _faces(self, solids: Sequence[Solid]) -> Iterator[list[str]]:
+        """The coordinates of the rings of each face of solids, in the system's units, in the order in which
+        they are written."""
+        first = np.cumsum([0, *(len(solid.vertices) for solid in solids)]).tolist()
+        corners = np.concatenate([one.corners + start for one, start in zip(solids, first, strict=False)])
+        vertices = np.concatenate([solid.vertices for solid in solids])
+        world = ((vertices + self.origin) / self.unit)[:, self.axes]
+        self.low = world[corners].min(axis=0, initial=np.inf)
+        self.high = world[corners].max(axis=0, initial=-np.inf)
+        listed = list(map(position_texts(world).__getitem__, corners.tolist()))
+        ends = np.cumsum(np.concatenate([solid.ring_sizes for solid in solids])).tolist()
+        places = (listed[start:end] for start, end in zip([0, *ends], ends, strict=False))
+        rings = (" ".join([*ring, ring[0]]) for ring in places)
+        counts = chain.from_iterable(solid.ring_counts.tolist() for solid in solids)
+        return (list(islice(rings, count)) for count in counts)
 
     def _polygon(self, rings: Iterable[str]) -> tuple[str, str]:
         """The id of a polygon, and its XML, of the coordinates of its rings."""

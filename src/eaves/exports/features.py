@@ -19,9 +19,9 @@ CLASS = "building"
 
 def add_feature_numbers(parts: GlbParts, primitive: Json, numbers: np.ndarray[Any, Any], count: int) -> Json:
     """The primitive with the building's number (K,) of every vertex; `count` buildings there are."""
-    attribute = parts.accessor(
-        "features", numbers.astype("<f4"), "SCALAR", FLOAT, byteStride=4, target=ARRAY_BUFFER
-    )
+    data = numbers.astype("<f4").tobytes()
+    view = parts.write("features", data, byteStride=4, target=ARRAY_BUFFER)
+    attribute = parts.accessor(view, 0, len(numbers), "SCALAR", FLOAT)
     features = [{"featureCount": count, "attribute": 0, "propertyTable": 0}]
     return {
         **primitive,

@@ -14,10 +14,11 @@ import json
 import shutil
 import struct
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO
+from tempfile import SpooledTemporaryFile
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ from eaves.formats import (
     atomic,
     attributes_of,
     clean,
-    with_meshes,
+    meshed_pieces,
 )
 from eaves.model import (
     LOCAL_METRES,
@@ -42,12 +43,15 @@ from eaves.model import (
     Integers,
     Points,
     Provenance,
+    Values,
 )
 
 FLOAT, UNSIGNED_INT = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 LARGEST = 2**32 - 1
 """Bytes a GLB file can hold, by the width of its length fields."""
+IN_MEMORY = 1 << 20
+"""Bytes of a stream that are held in memory."""
 ALIGNMENT = 8
 """Bytes to which every stream is padded, as wide numbers of EXT_structural_metadata need."""
 
@@ -93,24 +97,32 @@ def write_glb(
     >>> write_glb("nine.glb", models)
     9
     """
-    count = 0
+    count = read = 0
     origin: tuple[float, float] | None = None
     nodes: list[Json] = []
-    with atomic(path) as temporary, GlbParts(temporary) as parts:
-        for number, (model, mesh) in enumerate(with_meshes(models), 1):
-            footprint = model.footprint
-            if footprint is None:
-                continue
-            origin = origin or footprint.origin
-            node: Json = {"name": footprint.id or f"building-{number}", "extras": clean(attributes_of(model))}
-            base = 0.0 if mesh is None else float(np.floor(mesh.vertices[:, 2].min()))
-            east, north = footprint.origin[0] - origin[0], footprint.origin[1] - origin[1]
-            node["translation"] = [east, base, -north]
-            if mesh is not None:
-                primitives = [primitive for primitive, _ in mesh_primitives(parts, [mesh], base)]
-                node["mesh"] = parts.add("meshes", {"name": node["name"], "primitives": primitives})
-                count += 1
-            nodes.append(node)
+    with atomic(path) as temporary, closing(GlbParts(temporary)) as parts:
+        for piece, mesh, vertices, faces in meshed_pieces(models):
+            of_vertex, of_face = (np.arange(len(piece)).repeat(np.diff(first)) for first in (vertices, faces))
+            base = np.full(len(piece), np.inf)
+            np.minimum.at(base, of_vertex, mesh.vertices[:, 2])
+            base = np.floor(base, where=np.isfinite(base), out=np.zeros(len(base)))
+            primitives: dict[int, list[Json]] = {}
+            for building, primitive, _ in mesh_primitives(parts, mesh, of_face, base[of_vertex]):
+                primitives.setdefault(building, []).append(primitive)
+            for number, result in enumerate(piece):
+                read, footprint = read + 1, result.footprint
+                if footprint is None:
+                    continue
+                origin = origin or footprint.origin
+                name = footprint.id or f"building-{read}"
+                east, north = footprint.origin[0] - origin[0], footprint.origin[1] - origin[1]
+                place = {"translation": [east, float(base[number]), -north]}
+                node: Json = {"name": name, "extras": clean(attributes_of(result)), **place}
+                if vertices[number] < vertices[number + 1]:
+                    own = {"name": name, "primitives": primitives.get(number, [])}
+                    node["mesh"] = parts.add("meshes", own)
+                    count += 1
+                nodes.append(node)
         extras = scene_extras(system, origin or (0.0, 0.0)) | provenance.members
         parts.assemble({"scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes}, extras, path)
     return count
@@ -129,26 +141,42 @@ def y_up(xyz: Points) -> NDArray[np.float32]:
 
 
 def mesh_primitives(
-    parts: GlbParts, meshes: Sequence[BuildingMesh], base: float
-) -> Iterator[tuple[Json, Integers]]:
-    """A primitive for every kind of surface that meshes of one origin have, and the mesh of each of its
-    vertices (K,); heights are written above `base`."""
-    for kind in range(len(SURFACES)):
-        pieces = [mesh.flat_shaded(kind) for mesh in meshes]
-        sizes = [len(positions) for positions, _, _ in pieces]
-        if sum(sizes):
-            positions, normals, _ = map(np.concatenate, zip(*pieces, strict=True))
-            starts = np.cumsum([0, *sizes[:-1]])
-            triangles = np.concatenate(
-                [piece[2] + start for piece, start in zip(pieces, starts, strict=True)]
-            )
-            lowered = positions - [0.0, 0.0, base]
-            primitive = parts.primitive(y_up(lowered), y_up(normals), triangles, kind)
-            yield primitive, np.repeat(np.arange(len(meshes)), sizes)
+    parts: GlbParts, mesh: BuildingMesh, group: Integers, base: Values | float
+) -> Iterator[tuple[int, Json, Integers]]:
+    """A primitive for every kind of surface of each `group` (F,) of the faces of a mesh: its group, it, and
+    the vertex of the mesh (K,) that each of its own is. Heights are above the `base` (V,) of a vertex."""
+    part = group * len(SURFACES) + mesh.surface
+    face, vertex, triangles = mesh.flat_shaded(part)
+    if not len(face):
+        return
+    first = np.flatnonzero(np.diff(part[face], prepend=-1))
+    parts_there, of_triangle = part[face[first]], part[face[triangles[:, 0]]]
+    triangles -= first[np.searchsorted(parts_there, of_triangle), None]
+    lowered = mesh.vertices[vertex]
+    lowered[:, 2] -= np.broadcast_to(base, len(mesh.vertices))[vertex]
+    both = np.hstack([y_up(lowered), y_up(mesh.normal[face])]).astype("<f4")
+    low, high = (extreme.reduceat(both[:, :3], first).tolist() for extreme in (np.minimum, np.maximum))
+    width = both.itemsize * 6
+    views = (
+        parts.write("vertices", both.tobytes(), byteStride=width, target=ARRAY_BUFFER),
+        parts.write("indices", triangles.astype("<u4").tobytes(), target=ELEMENT_ARRAY_BUFFER),
+    )
+    places = [*first.tolist(), len(both)]
+    corners = [0, *(3 * np.searchsorted(of_triangle, parts_there, side="right")).tolist()]
+    for number, one in enumerate(parts_there.tolist()):
+        (start, end), (begin, stop) = (ends[number : number + 2] for ends in (places, corners))
+        at = parts.accessor(views[0], start * width, end - start, "VEC3", FLOAT)
+        normal = parts.accessor(views[0], start * width + width // 2, end - start, "VEC3", FLOAT)
+        parts.lists["accessors"][at] |= {"min": low[number], "max": high[number]}
+        indices = parts.accessor(views[1], begin * 4, stop - begin, "SCALAR", UNSIGNED_INT)
+        attributes = {"POSITION": at, "NORMAL": normal}
+        primitive = {"attributes": attributes, "indices": indices, "material": one % len(SURFACES)}
+        yield one // len(SURFACES), primitive, vertex[start:end]
 
 
 class GlbParts:
-    """The pieces of a GLB file while it is made: its JSON in memory, its numbers in streams beside it.
+    """The pieces of a GLB file while it is made: its JSON in memory, its numbers in streams, the long ones
+    on the disk.
 
     A stream becomes one buffer view: `vertices` (position and normal), `indices`, and what else is written.
     """
@@ -156,16 +184,12 @@ class GlbParts:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.lists: dict[str, list[Json]] = {"meshes": [], "accessors": []}
-        self._streams: dict[str, tuple[int, BinaryIO, Json]] = {}
+        self._files = ExitStack()
+        self._streams: dict[str, tuple[int, SpooledTemporaryFile[bytes], Json]] = {}
 
-    def __enter__(self) -> GlbParts:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for _, file, _ in self._streams.values():
-            file.close()
+    def close(self) -> None:
+        """Close the streams."""
+        self._files.close()
 
     def add(self, name: str, item: Json) -> int:
         """Put an item into one of the lists of the JSON; its number comes back."""
@@ -176,40 +200,19 @@ class GlbParts:
         """Append to a stream, whose buffer view has the members `view`; the number of the buffer view and
         the offset in it."""
         if stream not in self._streams:
-            file: BinaryIO = self.path.with_suffix(f".{stream}").open("w+b")
+            spooled = SpooledTemporaryFile(IN_MEMORY, dir=str(self.path.parent))  # noqa: SIM115 closed below
+            file = self._files.enter_context(spooled)
             self._streams[stream] = (len(self._streams), file, dict(view))
         number, file, _ = self._streams[stream]
         start = file.tell()
         file.write(data)
         return number, start
 
-    def accessor(self, stream: str, values: NDArray[Any], kind: str, component: int, **view: int) -> int:
-        """Append values to a stream and describe them; the number of the accessor."""
-        number, start = self.write(stream, values.tobytes(), **view)
-        count = values.size if kind == "SCALAR" else len(values)
-        about = {"bufferView": number, "byteOffset": start, "count": count}
+    def accessor(self, view: tuple[int, int], offset: int, count: int, kind: str, component: int) -> int:
+        """Describe values at an offset in what was appended to a buffer view; the number of the accessor."""
+        number, start = view
+        about = {"bufferView": number, "byteOffset": start + offset, "count": count}
         return self.add("accessors", about | {"componentType": component, "type": kind})
-
-    def primitive(
-        self,
-        positions: NDArray[np.float32],
-        normals: NDArray[np.float32],
-        triangles: Integers,
-        material: int,
-    ) -> Json:
-        """Keep vertices (K, 3), their normals and triangles (T, 3); the primitive that uses them."""
-        both = np.hstack([positions, normals]).astype("<f4")
-        position = self.accessor(
-            "vertices", both, "VEC3", FLOAT, byteStride=both.itemsize * 6, target=ARRAY_BUFFER
-        )
-        first = self.lists["accessors"][position]
-        normal = self.add("accessors", {**first, "byteOffset": first["byteOffset"] + both.itemsize * 3})
-        first |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
-        indices = self.accessor(
-            "indices", triangles.astype("<u4"), "SCALAR", UNSIGNED_INT, target=ELEMENT_ARRAY_BUFFER
-        )
-        attributes = {"POSITION": position, "NORMAL": normal}
-        return {"attributes": attributes, "indices": indices, "material": material}
 
     def assemble(self, scene: Json, extras: Json, path: str | Path) -> None:
         """Write the whole file: header, JSON, numbers."""

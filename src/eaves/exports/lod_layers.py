@@ -5,7 +5,8 @@ A row is one kind of surface of one building (roofs, walls or ground) as a Multi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,8 @@ from eaves.model import (
     Provenance,
 )
 
+AT_ONCE = 100
+"""Buildings whose faces are made polygons together."""
 KINDS: dict[str, type] = {"id": str, "surface": str, "area_m2": float, "face_count": int}
 
 
@@ -78,11 +81,12 @@ def write_lod_layers(
     with atomic(path) as temporary:
         for lod in LODS[1:]:  # every layer is there, also where no building has that level
             append_rows(temporary, [], system, layer_of(lod), KINDS)
-        for model in with_solids(models):
-            count += 1
-            for lod in model.solids:
+        solid = with_solids(models)
+        while piece := list(islice(solid, AT_ONCE)):
+            count += len(piece)
+            for lod in dict.fromkeys(chain.from_iterable(model.solids for model in piece)):
                 rows = waiting.setdefault(lod, [])
-                rows += lod_rows(model, lod)
+                rows += lod_rows(piece, lod)
                 if len(rows) >= PIECE_ROWS:
                     append_rows(temporary, rows, system, layer_of(lod), KINDS)
                     rows.clear()
@@ -98,15 +102,24 @@ def layer_of(lod: str) -> str:
     return "lod_" + lod.replace(".", "_")
 
 
-def lod_rows(model: BuildingModel, lod: str) -> Iterator[Row]:
-    """The rows of one building at one level, in world metres."""
-    origin = np.array([*model.footprint.origin, 0.0])
-    for surface in SURFACES:
-        faces = FaceTable.of_solids(model.solids[lod], surface)
-        if faces:
-            area = round(float(faces.areas.sum()), 2)
-            values = {"id": model.footprint.id, "surface": surface, "area_m2": area, "face_count": len(faces)}
-            yield Row(shapely.multipolygons(faces.moved(origin).polygons(3)), values)
+def lod_rows(models: Sequence[BuildingModel], lod: str) -> Iterator[Row]:
+    """The rows of buildings at one level, in world metres."""
+    solids = [solid for model in models for solid in model.solids.get(lod, ())]
+    building = np.repeat(np.arange(len(models)), [len(model.solids.get(lod, ())) for model in models])
+    building = building.repeat([len(solid.surfaces) for solid in solids])
+    table, surfaces = FaceTable.of_solids(solids), np.concatenate([solid.surfaces for solid in solids])
+    origins = np.array([[*model.footprint.origin, 0.0] for model in models])
+    shapes = table.polygons_at(table.corners + origins[building[table.face_of_corner]])
+    row, face = np.nonzero(surfaces == np.array(SURFACES)[:, None])
+    order = np.lexsort((face, row, building[face]))
+    face, row = face[order], building[face[order]] * len(SURFACES) + row[order]
+    there, first, count = np.unique(row, return_index=True, return_counts=True)
+    together = shapely.multipolygons(shapes[face], indices=np.arange(len(there)).repeat(count))
+    areas = np.split(table.areas[face], first[1:])
+    for number, shape, of_faces in zip(there.tolist(), together, areas, strict=True):
+        one, kind = divmod(number, len(SURFACES))
+        values = {"id": models[one].footprint.id, "surface": SURFACES[kind]}
+        yield Row(shape, values | {"area_m2": round(float(of_faces.sum()), 2), "face_count": len(of_faces)})
 
 
 FORMAT = Format({"models": ("buildings.gpkg", write_lod_layers)})

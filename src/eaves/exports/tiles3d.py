@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
@@ -50,6 +51,7 @@ from eaves.model import (
     BuildingModel,
     CoordinateSystem,
     Failure,
+    Integers,
     Provenance,
     Values,
 )
@@ -122,11 +124,12 @@ def write_3dtiles(
     leaves: list[Leaf] = []
     overviews = count = 0
 
-    def tile_of(name: str, buildings: Sequence[tuple[BuildingModel, BuildingMesh]]) -> Leaf:
-        """Write a tile of buildings, whose meshes count from the first one's origin."""
-        origin = buildings[0][0].footprint.origin
+    def tile_of(name: str, models: Sequence[BuildingModel], mesh: BuildingMesh, number: Integers) -> Leaf:
+        """Write a tile of buildings, whose mesh counts from the first one's origin; `number` (V,) is the
+        building of a vertex."""
+        origin = models[0].footprint.origin
         with atomic(folder / name) as temporary:
-            low, high = write_content(temporary, buildings, origin, system)
+            low, high = write_content(temporary, models, mesh, number, origin, system)
         base = np.array([0.0, 0.0, low[2]])
         frame = earth.frame(np.array([*origin, low[2]]), (low + high) / 2 - base)
         return leaf_of(name, frame, origin, low - base, high - base)
@@ -138,12 +141,14 @@ def write_3dtiles(
         if not prisms:
             return {}
         overviews += 1
-        return tile_of(
-            f"overview/{overviews}.glb", describe_overview(prisms[0][1].footprint.origin, prisms)
-        ).tile
+        shown = [model for _, model, _ in prisms]
+        mesh, of_vertex = describe_overview(shown[0].footprint.origin, prisms)
+        return tile_of(f"overview/{overviews}.glb", shown, mesh, of_vertex).tile
 
     for buildings in by_origin(models):
-        leaf = tile_of(f"content/{len(leaves) + 1}.glb", buildings)
+        inside, meshes = zip(*buildings, strict=True)
+        of_vertex = np.repeat(np.arange(len(meshes)), [len(mesh.vertices) for mesh in meshes])
+        leaf = tile_of(f"content/{len(leaves) + 1}.glb", inside, BuildingMesh.join(meshes), of_vertex)
         seen = (prism for model, mesh in buildings if (prism := prism_of(model, mesh)) is not None)
         leaves.append(replace(leaf, prisms=largest(seen, TILE_PRISMS)))
         count += len(buildings)
@@ -179,14 +184,15 @@ def by_origin(
 
 def write_content(
     path: Path,
-    buildings: Sequence[tuple[BuildingModel, BuildingMesh]],
+    models: Sequence[BuildingModel],
+    mesh: BuildingMesh,
+    number: Integers,
     origin: tuple[float, float],
     system: CoordinateSystem,
 ) -> tuple[Values, Values]:
     """Write the GLB of one tile, heights above its lowest point; its lowest and highest coordinates (3,)."""
-    extents = [(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for _, mesh in buildings]
-    low = np.min([extent[0] for extent in extents], axis=0)
-    high = np.max([extent[1] for extent in extents], axis=0)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    together = np.zeros(len(mesh.surface), np.int64)
     rows = [
         {"id": model.footprint.id, "lod": model.lod}
         | {
@@ -194,12 +200,12 @@ def write_content(
             for key, value in clean(attributes_of(model)).items()
             if not isinstance(value, list | dict)
         }
-        for model, _ in buildings
+        for model in models
     ]
-    with GlbParts(path) as parts:
+    with closing(GlbParts(path)) as parts:
         primitives = [
-            add_feature_numbers(parts, primitive, numbers, len(buildings))
-            for primitive, numbers in mesh_primitives(parts, [mesh for _, mesh in buildings], low[2])
+            add_feature_numbers(parts, primitive, number[vertex], len(models))
+            for _, primitive, vertex in mesh_primitives(parts, mesh, together, low[2])
         ]
         parts.add("meshes", {"primitives": primitives})
         scene: Json = {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "extensionsUsed": EXTENSIONS}

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from eaves.formats import SURFACES, BuildingMesh, mesh_of_solids
-from eaves.model import ROOF_SURFACE, WALL_SURFACE, BuildingModel, Face, Points, Solid
+from eaves.model import ROOF_SURFACE, WALL_SURFACE, BuildingModel, Face, Integers, Points, Solid
 
 NODE_PRISMS = 500
 """Most prisms of a node: 0.4 MB, and some 100 nodes are in sight at a time."""
@@ -24,8 +24,8 @@ STRAIGHT = 1.0
 KEPT = ("roof_type", "h_ground", "h_ridge", "rmse_m", "area_m2")
 """Attributes of the buildings that prisms keep: what a viewer colours by."""
 
-Prism = tuple[float, BuildingModel, BuildingMesh]
-"""Area (m²), building, mesh about the building's origin."""
+Prism = tuple[float, BuildingModel, Solid]
+"""Area (m²), building, prism about the building's origin."""
 
 
 def prism_of(model: BuildingModel, mesh: BuildingMesh) -> Prism | None:
@@ -40,7 +40,7 @@ def prism_of(model: BuildingModel, mesh: BuildingMesh) -> Prism | None:
     solid = standing_prisms(corners, base, top)
     kept = {name: model.attributes[name] for name in KEPT if name in model.attributes}
     plain = model.with_(solids={model.lod: ()}, planes=(), installations=(), attributes=kept)
-    return hull.area, plain, mesh_of_solids([solid])
+    return hull.area, plain, solid
 
 
 def standing_prisms(corners: Points, base: float, top: float) -> Solid:
@@ -58,12 +58,9 @@ def largest(prisms: Iterable[Prism], count: int) -> list[Prism]:
     return heapq.nlargest(count, prisms, key=lambda prism: (prism[0], prism[1].footprint.id))
 
 
-def describe_overview(
-    origin: tuple[float, float], prisms: Sequence[Prism]
-) -> list[tuple[BuildingModel, BuildingMesh]]:
-    """Buildings with their meshes moved to one origin (world m)."""
-    shifts = [[*np.subtract(model.footprint.origin, origin), 0.0] for _, model, _ in prisms]
-    return [
-        (model, replace(mesh, vertices=mesh.vertices + shift))
-        for (_, model, mesh), shift in zip(prisms, shifts, strict=True)
-    ]
+def describe_overview(origin: tuple[float, float], prisms: Sequence[Prism]) -> tuple[BuildingMesh, Integers]:
+    """The mesh of prisms about one origin (world m), and the prism of each of its vertices (V,)."""
+    mesh = mesh_of_solids([solid for *_, solid in prisms])
+    number = np.repeat(np.arange(len(prisms)), [len(solid.vertices) for *_, solid in prisms])
+    shifts = np.array([[*np.subtract(model.footprint.origin, origin), 0.0] for _, model, _ in prisms])
+    return replace(mesh, vertices=mesh.vertices + shifts[number]), number

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.blocks.points import ENOUGH_PER_M2
 from eaves.figures.rows import BuildingRow
@@ -19,7 +18,16 @@ from eaves.formats.points.sample import Sample, read_sample
 from eaves.formats.statements import UNSTATED
 from eaves.geometry.planes import group_percentiles
 from eaves.model import LOCAL_METRES, Points, Values
-from eaves.raster.blur import WIDTH, measure_blur, measure_roughness, number_squares, number_values
+from eaves.raster.blur import (
+    BESIDE,
+    WIDTH,
+    group_cells,
+    measure_blur,
+    measure_roughness,
+    neighbour_pairs,
+    number_squares,
+    number_values,
+)
 from eaves.run.index import Index
 from eaves.run.memory import DENSE, LEAST
 
@@ -498,9 +506,11 @@ def _cover(xyz: Points) -> tuple[float, float, int, float]:
     place = _without_gaps(np.floor((xyz[:, :2] - low) / side).astype(np.int64))
     occupied = np.zeros(place.max(axis=0) + 1, bool)
     occupied[place[:, 0], place[:, 1]] = True
-    filled = ndimage.binary_fill_holes(occupied)
-    labels, pieces = ndimage.label(occupied, np.ones((3, 3)))
+    labels, pieces = group_cells(occupied, *neighbour_pairs(occupied))
     sizes = np.sort(np.bincount(labels.ravel())[1:]) * side**2
+    empty = np.pad(~occupied, 1, constant_values=True)
+    outside, _ = group_cells(empty, *neighbour_pairs(empty, BESIDE))
+    filled = empty.size - int((outside == 1).sum())  # what the group of the first cell, a corner, leaves
     middle = float(sizes[np.searchsorted(np.cumsum(sizes), sizes.sum() / 2)])
     area = float(occupied.sum()) * side**2
-    return area, round(1 - float(occupied.sum()) / float(filled.sum()), 4), int(pieces), middle
+    return area, round(1 - float(occupied.sum()) / filled, 4), pieces, middle

@@ -61,7 +61,7 @@ from eaves.run.store import SECONDS, STARTS
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
-    from eaves.flow.formats import PointSink
+    from eaves.flow.classified import PointSink
 
 log = logging.getLogger("eaves")
 
@@ -277,7 +277,7 @@ def write_output(step: str, results: RunResults, sink: PointSink | None) -> Writ
         from eaves.flow.intermediates import write_steps
 
         return Written(write_steps(run, list(results.regions), results.inputs_of))
-    from eaves.flow.formats import write_points
+    from eaves.flow.classified import write_points
 
     files = write_points(run, buildings, results.regions, owners, sink, results.copies)
     return Written(files + export_points(files, system, formats, failed), sink, failed)

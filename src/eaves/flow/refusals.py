@@ -23,7 +23,7 @@ from eaves.detect.given_classes import GivenClasses
 from eaves.flow.formats import memory_of_points
 from eaves.footprints.read import box_text
 from eaves.formats import InputError
-from eaves.formats.points.raster_cells import is_raster
+from eaves.formats.inputs import is_raster
 from eaves.formats.points.source import check_fields
 from eaves.run.index import Index
 from eaves.run.keys import is_of_package, source_of

@@ -27,7 +27,7 @@ from eaves.formats.errors import INSTALL
 from eaves.formats.inputs import is_classified
 from eaves.formats.models.cityjson import as_cityjson
 from eaves.formats.models.cityjson_read import CityObject, models_of, read_head, read_models, system_of_head
-from eaves.formats.models.meshes import mesh_of
+from eaves.formats.models.meshes import mesh_of_solids
 from eaves.formats.vectors.geopackage import Row
 from eaves.formats.vectors.polygons import list_vector_layers, read_details
 from eaves.formats.whole_files import atomic
@@ -494,9 +494,9 @@ def to_trimesh(model: BuildingModel) -> Trimesh:
     True
     """
     trimesh = required_library("trimesh")
-    mesh = mesh_of(model)
-    if mesh is None:
+    if not isinstance(model, BuildingModel) or not model.solids:
         raise ValueError("the model has no solids; a failure or a model at LoD 0 has no mesh")
+    mesh = mesh_of_solids(model.solids[model.lod])
     about = {"id": model.footprint.id, "lod": model.lod, "origin": model.footprint.origin}
     return trimesh.Trimesh(mesh.vertices, mesh.triangles, metadata=about, process=False)
 

@@ -30,6 +30,7 @@ from .models.meshes import COLOURS as COLOURS
 from .models.meshes import SURFACES as SURFACES
 from .models.meshes import BuildingMesh as BuildingMesh
 from .models.meshes import mesh_of_solids as mesh_of_solids
+from .models.meshes import meshed_pieces as meshed_pieces
 from .models.meshes import with_meshes as with_meshes
 from .models.meshes import with_solids as with_solids
 from .points.chunk import Chunk as Chunk

@@ -13,6 +13,8 @@ from eaves.formats.errors import InputError
 
 LAS_SUFFIXES = (".las", ".laz")
 TEXT_SUFFIXES = (".txt", ".xyz", ".csv", ".asc")
+RASTERS = (".tif", ".tiff")
+"""Suffixes of the rasters that are read as points."""
 
 REMEDY = "give a LAS, LAZ, COPC or text file, a folder of them, a glob, an address or a .vpc list"
 
@@ -46,6 +48,11 @@ def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
     ['tile.laz']
     """
     return [Path(path) for path in list_inputs(paths)]
+
+
+def is_raster(path: str | Path) -> bool:
+    """True if a file is read as a raster of heights, by its suffix."""
+    return Path(path).suffix.lower() in RASTERS
 
 
 def list_inputs(paths: str | Path | Sequence[str | Path]) -> list[str]:

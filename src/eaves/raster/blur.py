@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.geometry.inside import connected_groups_kernel
 from eaves.geometry.planes import scatter, sums_of
@@ -200,7 +200,7 @@ def edge_widths(surface: Surface, known: Mask, cell: float) -> Values:
 
     def along(values: Surface, distance: float) -> Values:
         at = np.stack([row, column]) + way * (distance / cell)
-        return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"))
+        return np.asarray(scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest"))
 
     peak = (slope >= along(steep, cell)) & (slope > along(steep, -cell))
     row, column, slope, way = row[peak], column[peak], slope[peak], way[:, peak]
@@ -230,9 +230,9 @@ def gridded(
     count = np.bincount(number, minlength=size).reshape(shape)
     total = np.bincount(number, xyz[inside, 2], size).reshape(shape)
     empty = count == 0
-    nearest = ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     mean = total / np.maximum(count, 1)
-    return mean[tuple(nearest)], np.asarray(ndimage.binary_closing(~empty, iterations=2) | ~empty)
+    return mean[tuple(nearest)], np.asarray(scipy.ndimage.binary_closing(~empty, iterations=2) | ~empty)
 
 
 def measure_blur(xyz: Points) -> float:
@@ -270,13 +270,11 @@ def without_blur(surface: Surface, blur: float, cell: float) -> Surface:
     side `cell` (m), by the primal-dual method [chambolle2011]; a shock filter [osher1990] then makes a wall
     of what is left of each ramp. Both see the surface over its trend.
     """
-    from scipy import fft  # late: few scans are smoothed
-
-    sigma, trend = blur / cell, ndimage.gaussian_filter(surface, TREND_M / cell)
+    sigma, trend = blur / cell, scipy.ndimage.gaussian_filter(surface, TREND_M / cell)
     surface = surface - trend
     rows, columns = surface.shape
     margin = int(3.0 * sigma) + 4
-    tall, wide = (fft.next_fast_len(size + 2 * margin, real=True) for size in surface.shape)
+    tall, wide = (scipy.fft.next_fast_len(size + 2 * margin, real=True) for size in surface.shape)
     z = np.pad(
         surface,
         ((margin, tall - rows - margin), (margin, wide - columns - margin)),
@@ -288,7 +286,7 @@ def without_blur(surface: Surface, blur: float, cell: float) -> Surface:
     kernel = np.exp(-2.0 * (np.pi * sigma) ** 2 * (across**2 + along**2))
     tau = 2.0**0.5
     step = 1.0 / (8.0 * tau)
-    data, shrink = tau * kernel * fft.rfft2(z), 1.0 / (1.0 + tau * kernel**2)
+    data, shrink = tau * kernel * scipy.fft.rfft2(z), 1.0 / (1.0 + tau * kernel**2)
     u, ahead = z.copy(), z.copy()
     east, south = np.zeros_like(z), np.zeros_like(z)
     for _ in range(ROUNDS):
@@ -300,7 +298,7 @@ def without_blur(surface: Surface, blur: float, cell: float) -> Surface:
         flow = east + south
         flow[:, 1:] -= east[:, :-1]
         flow[1:] -= south[:-1]
-        new = fft.irfft2((fft.rfft2(u + tau * flow) + data) * shrink, s=z.shape)
+        new = scipy.fft.irfft2((scipy.fft.rfft2(u + tau * flow) + data) * shrink, s=z.shape)
         ahead, u = 2.0 * new - u, new
     detail = u[margin : margin + rows, margin : margin + columns] + middle
     return np.asarray(trend + shocked(detail))
@@ -310,7 +308,7 @@ def shocked(surface: Surface) -> Surface:
     """A surface (H, W) whose ramps are walls: lowered where it bends up along its slope, raised where it
     bends down, by the slope itself."""
     for _ in range(SHOCKS):
-        smooth = ndimage.gaussian_filter(surface, 1.0)
+        smooth = scipy.ndimage.gaussian_filter(surface, 1.0)
         south, east = np.gradient(smooth)
         (southern, turning), eastern = np.gradient(south), np.gradient(east, axis=1)
         square = south**2 + east**2

@@ -24,9 +24,9 @@ from eaves.buildings.building_file import (
     keep_numbers,
     numbers_of_owners,
 )
+from eaves.flow.classified import known_copies
 from eaves.flow.corrected import Corrected, changed_in_layer, correct, kept_edits, outlines_in
 from eaves.flow.edits import Edit, read_edits, write_edits
-from eaves.flow.formats import known_copies
 from eaves.flow.outputs import write_outputs
 from eaves.flow.refusals import EDITS, is_same_place
 from eaves.flow.region import EARLIER, REQUEST, Region, drop_upkeep, end_region, ensure_points, open_region

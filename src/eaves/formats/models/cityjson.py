@@ -378,6 +378,8 @@ def _footprint_surface(footprint: Footprint, base: float, vertices: _Vertices) -
 def _spaced(ring: Values) -> Values:
     """A ring (M, 2) without points that would be one with the point before them: validators snap at a step,
     and rounding moves each point by up to a half."""
+    if (np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > 2 * STEP_M).all():
+        return ring
     kept = [ring[0]]
     for point in ring[1:]:
         if np.hypot(*(point - kept[-1])) > 2 * STEP_M:
@@ -399,23 +401,26 @@ def _polygon_rings(polygon: Polygon) -> Iterator[Values]:
 def _solid(
     solid: Solid, lod: str, model: BuildingModel, origin: tuple[float, float], vertices: _Vertices
 ) -> Json:
-    numbers = vertices.add(solid.vertices, origin)
+    numbers = np.array(vertices.add(solid.vertices, origin), np.int64)[solid.corners].tolist()
+    ends = solid.ring_sizes.cumsum().tolist()
+    rings = (numbers[start:end] for start, end in zip([0, *ends], ends, strict=False))
+    faces = zip(solid.ring_counts.tolist(), solid.surfaces.tolist(), solid.planes.tolist(), strict=True)
     given: Sequence[Mapping[str, Any]] = model.attributes.get(SURFACES, ())
     walls: Sequence[Mapping[str, Any]] = model.attributes.get(WALLS, ())
     surfaces: list[Json] = []
-    number_of: dict[tuple[str, int | None], int] = {}
+    number_of: dict[tuple[str, int], int] = {}
     shell, values = [], []
-    for face in solid.faces:
-        boundary = _distinct([[numbers[vertex] for vertex in ring] for ring in face.rings])
+    for count, surface, plane in faces:
+        boundary = _distinct(list(islice(rings, count)))
         if not boundary:
             continue
-        key = (face.surface, face.plane)
+        key = (surface, plane)
         if key not in number_of:
             number_of[key] = len(surfaces)
-            about: Json = {"type": face.surface}
-            details = {ROOF_SURFACE: given, WALL_SURFACE: walls}.get(face.surface, ())
-            if face.plane is not None and 0 <= face.plane < len(details):
-                about |= clean(details[face.plane])
+            about: Json = {"type": surface}
+            details = {ROOF_SURFACE: given, WALL_SURFACE: walls}.get(surface, ())
+            if 0 <= plane < len(details):
+                about |= clean(details[plane])
             surfaces.append(about)
         shell.append(boundary)
         values.append(number_of[key])
@@ -426,15 +431,13 @@ def _solid(
 def _distinct(rings: list[list[int]]) -> list[list[int]]:
     """Rings without repeated neighbours; a hole that shrank to nothing goes, a face whose outer ring did
     is empty."""
-    kept = [
-        [vertex for position, vertex in enumerate(ring) if vertex != ring[position - 1]]
-        if len(set(ring)) > 1
-        else []
+    outer, *_ = kept = [
+        ring
+        if len(set(ring)) == len(ring)
+        else [vertex for position, vertex in enumerate(ring) if vertex != ring[position - 1]]
         for ring in rings
-    ]
-    if not kept or len(set(kept[0])) < 3:
-        return []
-    return [ring for ring in kept if len(set(ring)) >= 3]
+    ] or [[]]
+    return [ring for ring in kept if len(set(ring)) >= 3] if len(set(outer)) >= 3 else []
 
 
 def _line(value: Json) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 
@@ -53,33 +53,53 @@ class BuildingMesh:
         chosen = self.surface[self.face] == surface
         return np.asarray(self.triangles[chosen])
 
-    def flat_shaded(self, surface: int) -> tuple[Points, Points, Integers]:
-        """Positions (K, 3), normals (K, 3) and triangles (T', 3) of one kind of surface, with a vertex for
-        every face it belongs to, so that edges between faces stay sharp."""
-        chosen = self.surface[self.face] == surface
-        corners = self.face[chosen, None] * len(self.vertices) + self.triangles[chosen]
-        pairs, numbers = np.unique(corners, return_inverse=True)
-        face, vertex = np.divmod(pairs, max(len(self.vertices), 1))
-        return self.vertices[vertex], self.normal[face], numbers.reshape(-1, 3)
+    def flat_shaded(self, part: Integers) -> tuple[Integers, Integers, Integers]:
+        """The face (K,) and the vertex (K,) of vertices that each belong to one face, so that edges between
+        faces stay sharp, and the triangles (T, 3) that they make, both in the order of the `part` (F,) that a
+        face is of."""
+        order = np.argsort(part[self.face], kind="stable")
+        face, count = self.face[order], len(self.vertices)
+        rank = part[face] * len(self.surface) + face
+        pairs, numbers = np.unique(rank[:, None] * count + self.triangles[order], return_inverse=True)
+        face, vertex = np.divmod(pairs % max(len(self.surface) * count, 1), max(count, 1))
+        return face, vertex, numbers.reshape(-1, 3)
+
+    @classmethod
+    def join(cls, meshes: Sequence[BuildingMesh]) -> BuildingMesh:
+        """One mesh of several about the same origin, in their order."""
+        vertex = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)]).tolist()
+        face = np.cumsum([0, *(len(mesh.surface) for mesh in meshes)]).tolist()
+        return cls(
+            np.concatenate([mesh.vertices for mesh in meshes]),
+            np.concatenate([mesh.triangles + first for mesh, first in zip(meshes, vertex, strict=False)]),
+            np.concatenate([mesh.face + first for mesh, first in zip(meshes, face, strict=False)]),
+            np.concatenate([mesh.surface for mesh in meshes]),
+            np.concatenate([mesh.normal for mesh in meshes]),
+        )
 
 
-def with_meshes(
+def meshed_pieces(
     results: Iterable[BuildingModel | Failure],
-) -> Iterator[tuple[BuildingModel | Failure, BuildingMesh | None]]:
-    """Results, each with the mesh of its finest level; None for a failure and for a model without solids.
-
-    The faces of `AT_ONCE` buildings are cut into triangles together.
-    """
+) -> Iterator[tuple[list[BuildingModel | Failure], BuildingMesh, Integers, Integers]]:
+    """Results, `AT_ONCE` at a time, with one mesh of the finest levels of all, and the first vertex and the
+    first face in it of each result (K + 1,); a failure and a model without solids have none."""
     waiting = iter(results)
     while piece := list(islice(waiting, AT_ONCE)):
         finest = [
             one.solids[one.lod] if isinstance(one, BuildingModel) and one.solids else () for one in piece
         ]
-        whole = mesh_of_solids(chain(*finest))
         vertices = np.cumsum([0, *(sum(len(solid.vertices) for solid in solids) for solids in finest)])
         faces = np.cumsum([0, *(sum(len(solid.surfaces) for solid in solids) for solids in finest)])
+        yield piece, mesh_of_solids(chain(*finest)), vertices, faces
+
+
+def with_meshes(
+    results: Iterable[BuildingModel | Failure],
+) -> Iterator[tuple[BuildingModel | Failure, BuildingMesh | None]]:
+    """Results, each with the mesh of its finest level; None for a failure and for a model without solids."""
+    for piece, whole, vertices, faces in meshed_pieces(results):
         triangles = np.searchsorted(whole.face, faces)
-        for number, (result, solids) in enumerate(zip(piece, finest, strict=True)):
+        for number, result in enumerate(piece):
             of_vertex, of_face, of_triangle = (
                 slice(*bounds[number : number + 2]) for bounds in (vertices, faces, triangles)
             )
@@ -90,17 +110,12 @@ def with_meshes(
                 whole.surface[of_face],
                 whole.normal[of_face],
             )
-            yield result, mesh if solids else None
+            yield result, mesh if len(mesh.vertices) else None
 
 
 def with_solids(results: Iterable[BuildingModel | Failure]) -> Iterator[BuildingModel]:
     """The buildings among results that have solids."""
     return (one for one in results if isinstance(one, BuildingModel) and one.solids)
-
-
-def mesh_of(result: BuildingModel | Failure) -> BuildingMesh | None:
-    """The mesh of the finest level of a building; None for a failure and for a model without solids."""
-    return next(mesh for _, mesh in with_meshes([result]))
 
 
 def mesh_of_solids(solids: Iterable[Solid]) -> BuildingMesh:

@@ -14,7 +14,7 @@ import laspy
 import numpy as np
 
 from eaves.formats.errors import INSTALL, InputError
-from eaves.formats.points.raster_cells import is_raster, write_cells
+from eaves.formats.inputs import is_raster
 from eaves.formats.whole_files import atomic
 
 REMARKS = ".remarks.json"
@@ -98,6 +98,8 @@ def convert(path: Path, folder: Path, dtm: Path | None = None) -> Path:
             path, f"cannot be read ({error.strerror or error})", "check the path"
         ) from None
     if is_raster(path):
+        from eaves.formats.points.raster_cells import write_cells  # late: GDAL and scipy come with it
+
         made_here = [place for place in (folder, folder.parent) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         try:

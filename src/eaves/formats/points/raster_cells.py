@@ -13,12 +13,12 @@ import laspy
 import numpy as np
 import pyproj
 import rasterio
+import scipy
 from numpy.typing import NDArray
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.vrt import WarpedVRT
 from rasterio.windows import Window
-from scipy import ndimage
 
 from eaves.formats.crs import is_same_unit, name_of_unit, plane_part, unit_of
 from eaves.formats.errors import InputError
@@ -26,8 +26,6 @@ from eaves.formats.rasters.geotiff import check_cells, scaled
 from eaves.formats.statements import Stated
 from eaves.model import GROUND, UNCLASSIFIED
 
-RASTERS = (".tif", ".tiff")
-"""Suffixes of the rasters that are read as points."""
 STEP, DEGREE_STEP = 0.001, 1e-8
 """Resolution of the coordinates (units of the file), and of degrees."""
 UNITS = {
@@ -53,11 +51,6 @@ PIECE = 1 << 20
 """Number of cells in memory at a time, about."""
 NOWHERE = rasterio.CRS.from_epsg(3857)
 """Stands for the system of rasters that name none."""
-
-
-def is_raster(path: str | Path) -> bool:
-    """True if a file is read as a raster of heights, by its suffix."""
-    return Path(path).suffix.lower() in RASTERS
 
 
 def write_cells(path: Path, made: Path, dtm: Path | None = None) -> list[str]:
@@ -213,7 +206,7 @@ def undeclared_values(image: Any, factor: float) -> tuple[float, ...]:
     rest = (heights > LOWEST_M) & (heights < HIGHEST_M) & ~np.isin(whole.data, (*found, fill))
     if many < FILLED * len(border) or rest.mean() < LEAST_DATA:
         return found
-    pieces, _ = ndimage.label(rest, np.ones((3, 3)))
+    pieces, _ = scipy.ndimage.label(rest, np.ones((3, 3)))
     low, high = np.percentile(heights[rest], [1, 99])
     place = float(scaled(np.array(fill), image)) * factor
     alone = not low - APART_M <= place <= high + APART_M
