@@ -55,7 +55,7 @@ from eaves.run.points import (
     load_window,
     read_slice,
 )
-from eaves.run.store import Results, Store, as_arrays, load_part
+from eaves.run.store import Results, Store, as_arrays, load_part, open_part
 
 if TYPE_CHECKING:
     from eaves.flow.region import Region
@@ -409,6 +409,7 @@ SIGNS = Step(
     takes=SEEN,
     inputs_of=inputs_of_signs,
     run=find_signs,
+    load=open_part,
     reads=("detect", "scene_buffer", "sees_wide", "marks_others"),
     needs="coloured",
 )
