@@ -127,7 +127,7 @@ GROUND = (
         "ground",
         "outliers under the terrain",
         2,
-        {"ground.toolkit.outliers:under_terrain": lambda _, low, *_rest: low},
+        {"ground.toolkit.outliers:under_terrain": lambda _, _bounds, low, *_rest: low},
     ),
     of(
         "ground",

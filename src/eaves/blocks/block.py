@@ -79,15 +79,20 @@ def block_pass(
     recipe: Recipe,
     signs: NDArray[np.float64] | None = None,
     classes_only: bool = False,
+    known: Mapping[str, NDArray[Any]] | None = None,
 ) -> BlockResult:
-    """Rasters and regions of one block; with `classes_only` neither.
+    """Rasters and regions of one block; with `classes_only` neither. Scenes are `known` where the detector
+    counted in them.
 
     `cloud` bears the classes of the ground stage. It must hold the points of the block and of its
     surroundings up to `recipe.scene_buffer`, and no others: then the result does not depend on the files or
     tiles they came from. `signs` are those that the detector counted around it.
     """
     clock = Clock()
-    scenes = points_alone(cloud, around.block) if classes_only else make_scenes(cloud, around, recipe)
+    if known is not None:
+        scenes = known_scenes(cloud, around.block, known)
+    else:
+        scenes = points_alone(cloud, around.block) if classes_only else make_scenes(cloud, around, recipe)
     cloud, height = scenes.scene.cloud, scenes.seen.height
     clock.lap("rasters")
     regions, (least_area, least_height) = Regions(np.zeros(len(cloud), np.int32)), recipe.smallest
@@ -148,13 +153,14 @@ def block_result(
 @dataclass(frozen=True, eq=False)
 class BlockView:
     """All that decides the rasters and regions of a block: its points with those around, with classes; the
-    file (K,) of each of those inside, where there are several; what is wider than the block; and what the
-    detector counted around it, if anything."""
+    file (K,) of each of those inside, where there are several; what is wider than the block; what the
+    detector counted around it, if anything, and the scenes in which it did."""
 
     cloud: PointCloud
     file: NDArray[Any]
     around: Surroundings
     signs: NDArray[np.float64] | None = None
+    scenes: Mapping[str, NDArray[Any]] | None = None
 
 
 def inputs_of_regions(
@@ -168,9 +174,13 @@ def inputs_of_regions(
 ) -> BlockView:
     """View of a block from which its rasters and regions are computed."""
     around = surroundings_of(block, large, decks, parameters)
-    counted = [found["signs"] for found in signs.values() if found]
+    counted = [found["signs"] for found in signs.values() if "signs" in found]
     return BlockView(
-        points.with_ground(ground), points.file, around, np.sum(counted, axis=0) if counted else None
+        points.with_ground(ground),
+        points.file,
+        around,
+        np.sum(counted, axis=0) if counted else None,
+        dict(signs[block]) if block in signs else None,
     )
 
 
@@ -187,15 +197,17 @@ def inputs_of_signs(
 
 
 def find_signs(view: BlockView, parameters: Recipe) -> dict[str, NDArray[Any]]:
-    """What the detector counts in a block, if anything."""
+    """What the detector counts in a block, if anything, and the scenes in which it does."""
     assert parameters.detect is not None
-    counted = parameters.detect.count_signs(make_scenes(view.cloud, view.around, parameters).seen)
-    return {} if counted is None else {"signs": counted}
+    scenes = make_scenes(view.cloud, view.around, parameters)
+    counted = parameters.detect.count_signs(scenes.seen)
+    return arrays_of_scenes(scenes) | ({} if counted is None else {"signs": counted})
 
 
 def find_regions(view: BlockView, parameters: Any) -> dict[str, NDArray[Any]]:
     """Rasters and regions of a block, as `BlockFile` reads them."""
-    result = block_pass(view.cloud, view.around, parameters, view.signs, parameters.classes_only)
+    only, known = parameters.classes_only, view.scenes
+    result = block_pass(view.cloud, view.around, parameters, view.signs, only, known)
     return block_arrays(result) | {"from_file": view.file}
 
 
@@ -250,6 +262,30 @@ def make_scenes(cloud: PointCloud, around: Surroundings, recipe: Recipe) -> Bloc
         hidden = with_classes(seen.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
         seen = replace(seen, cloud=hidden)
     return BlockScenes(block, scene, seen, wires)
+
+
+def arrays_of_scenes(scenes: BlockScenes) -> dict[str, NDArray[Any]]:
+    """What `known_scenes` does not get from the points, as arrays."""
+    scene, seen = scenes.scene, scenes.seen
+    classes = np.stack([np.asarray(one.cloud.classification) for one in (scene, seen)])
+    rasters = np.stack(
+        [scene.dtm.values, scene.dsm.values, seen.dtm.values][: 2 + (seen.dtm is not scene.dtm)]
+    )
+    place = np.array([scene.dtm.west, scene.dtm.north, scene.dtm.cell, scene.spacing])
+    return {"classes": classes, "rasters": rasters, "place": place, "wires": scenes.wires}
+
+
+def known_scenes(cloud: PointCloud, block: Block, known: Mapping[str, NDArray[Any]]) -> BlockScenes:
+    """The scenes of which `arrays_of_scenes` made arrays, of the same points."""
+    *place, spacing = known["place"].tolist()
+    dtm, dsm, *richer = (Raster(values, *place) for values in known["rasters"])
+    cloud = cloud.about(block.origin).in_canonical_order()
+    clouds = [cloud.with_(classification=classes) for classes in known["classes"]]
+    scene = Scene(clouds[0], dtm, dsm, spacing, cloud.xyz[:, 2] - dtm.at(cloud.xyz))
+    seen = replace(scene, cloud=clouds[1])
+    for raster in richer:
+        seen = replace(seen, dtm=raster, height=cloud.xyz[:, 2] - raster.at(cloud.xyz))
+    return BlockScenes(block, scene, seen, known["wires"])
 
 
 def points_alone(cloud: PointCloud, block: Block) -> BlockScenes:

@@ -118,20 +118,22 @@ def detect_buildings(
     check_type(scene, Scene, "scene", "use eaves.make_scene(cloud)")
     detector = resolve_method("detect", method)
     assert isinstance(detector, Detector)
-    order = scene.cloud.canonical_order()
-    ordered = replace(scene, cloud=scene.cloud.take(order), height=scene.height[order])
+    if not scene.cloud.ordered:
+        order = scene.cloud.canonical_order()
+        ordered = replace(scene, cloud=scene.cloud.in_canonical_order(), height=scene.height[order])
+        found = detect_buildings(ordered, detector, min_area=min_area, min_height=min_height, debug=debug)
+        back = np.argsort(order)
+        part = None if found.part is None else found.part[back]
+        return Regions(found.label[back], found.score, part, found.doubts)
     with naming(detector):
-        found = detector.label(ordered, emitter(debug))
-    check_regions(detector, found, len(order))
-    label, kept = keep_regions(found.label, ordered, min_area, min_height)
-    back = np.empty_like(order)
-    back[order] = np.arange(len(order))
+        found = detector.label(scene, emitter(debug))
+    check_regions(detector, found, len(scene.cloud))
+    label, kept = keep_regions(found.label, scene, min_area, min_height)
     score = found.score[kept - 1] if len(found.score) else np.ones(len(kept))
     part = None
     if found.part is not None:
-        gone = (found.label > 0) & (label == 0)
-        part = np.where(gone, 0, found.part).astype(np.uint8)[back]
-    return Regions(label[back], score, part, found.doubts)
+        part = np.where((found.label > 0) & (label == 0), 0, found.part).astype(np.uint8)
+    return Regions(label, score, part, found.doubts)
 
 
 def check_regions(method: Detector, found: Regions, count: int) -> None:

@@ -181,7 +181,7 @@ class Region:
 
     def window(self, block: Block, reach: float) -> PointCloud:
         """The points of a block and of its surroundings up to `reach` (m), about its corner."""
-        return load_window(self.store, block, reach).cloud
+        return load_window(self.store, block, reach, names=self.store.fields).cloud
 
     def move_to(self, folder: Path) -> None:
         """Go on with the results that lie in a folder, or with none, and then without those there were."""

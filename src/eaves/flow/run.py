@@ -214,11 +214,16 @@ class Run:
     @cached_property
     def fields(self) -> tuple[str, ...]:
         """The fields of points that are read beside coordinates, returns and classes: those that methods
-        need, and those that they want, where no input is a text, colours of a scan without pulses alone."""
+        need, and those that they want, where no input is a text and buildings are asked for."""
         files = all(isinstance(source.layout, LasHeader) for source in self.index.kept.values())
-        wanted = self.recipe.wants if files else ()
+        wanted = self.recipe.wants if files and not self.classes_only else ()
+        return tuple(sorted({*self.recipe.ground.needs, *wanted, *self.seen_fields}))
+
+    @property
+    def seen_fields(self) -> tuple[str, ...]:
+        """Those that the detector is given: what it needs, and colours of a scan without pulses alone."""
         seen = self.recipe.wants_of_images if self.coloured else ()
-        return tuple(sorted({*self.recipe.needs, *wanted, *seen}))
+        return tuple(sorted({*(self.recipe.detect.needs if self.recipe.detect else ()), *seen}))
 
     @property
     def classes_only(self) -> bool:

@@ -54,7 +54,7 @@ from eaves.run.points import (
     load_window,
     read_slice,
 )
-from eaves.run.store import Results, Store, as_arrays, load_part
+from eaves.run.store import Results, Store, as_arrays, load_part, open_part
 
 if TYPE_CHECKING:
     from eaves.flow.region import Region
@@ -78,6 +78,8 @@ class Input:
         Reads a block's points from the store; None for those within the reach as one cloud.
     ids : bool
         True if points come with their ids.
+    fields : str or None
+        Parameter with the names of the other fields that points come with.
     """
 
     source: Step | None = None
@@ -85,6 +87,7 @@ class Input:
     rings: int = 0
     load: Callable[[Store, Block], Any] | None = None
     ids: bool = True
+    fields: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,9 +166,9 @@ class Step:
         """The key of its code with that of the methods it is given, its parameters, the reference system and
         its reaches; the code lies in a `folder`, that of this package unless another is given."""
         values = list(vars(self.parameters(run)).values())
-        reaches = [parameter(run, entry.reach) for entry in self.takes if entry.reach]
+        taken = [parameter(run, name) for one in self.takes for name in (one.reach, one.fields) if name]
         methods = [list(code_of_methods(value, folder)) for value in values]
-        return key_of(self.name, code_digest(self.code, folder), methods, values, reaches)
+        return key_of(self.name, code_digest(self.code, folder), methods, values, taken)
 
 
 def inputs_in(store: Store, run: Run, step: Step, block: Block) -> Any:
@@ -216,6 +219,8 @@ class Work:
     parameters: SimpleNamespace
     reaches: tuple[float | None, ...]
     """Width (m) of each input's surroundings."""
+    fields: tuple[tuple[str, ...], ...]
+    """Names of the other fields of each input's points."""
     side: float
     """Of blocks (m)."""
 
@@ -223,7 +228,8 @@ class Work:
     def of(cls, step: Step, run: Run) -> Work:
         """The step as a run asks for it."""
         reaches = tuple(None if entry.reach is None else parameter(run, entry.reach) for entry in step.takes)
-        return cls(step, step.key(run), step.parameters(run), reaches, run.side)
+        fields = tuple(parameter(run, entry.fields) if entry.fields else () for entry in step.takes)
+        return cls(step, step.key(run), step.parameters(run), reaches, fields, run.side)
 
     def squares(self, number: int, unit: Any) -> Sequence[Block]:
         """The squares whose values an input of a unit, by its number, may hold, in order."""
@@ -243,7 +249,7 @@ class Work:
             return results_of(entry.source, store, squares)
         if entry.load is not None:
             return Results(partial(entry.load, store), squares)
-        return load_window(store, unit, self.reaches[number] or 0.0, entry.ids)
+        return load_window(store, unit, self.reaches[number] or 0.0, entry.ids, self.fields[number])
 
     def inputs_of(self, unit: Any, store: Store) -> Any:
         """Exactly what the result of a unit follows from."""
@@ -383,7 +389,7 @@ DECKS = Step(
 GROUND = Step(
     name=keys.GROUND,
     code=keys.GROUND_CODE,
-    takes=(Input(reach="ground.buffer", ids=False), LARGE.within("ground.buffer")),
+    takes=(Input(reach="ground.buffer", ids=False, fields="ground.needs"), LARGE.within("ground.buffer")),
     inputs_of=inputs_of_ground,
     run=classify_block,
     reads=("ground", "use_classes", "ground_classes", "sees_wide"),
@@ -391,7 +397,7 @@ GROUND = Step(
     shown=True,
 )
 SEEN = (
-    Input(reach="scene_buffer"),
+    Input(reach="scene_buffer", fields="seen_fields"),
     GROUND.within("scene_buffer"),
     LARGE.within("scene_buffer"),
     DECKS.within("scene_buffer"),
@@ -402,6 +408,7 @@ SIGNS = Step(
     takes=SEEN,
     inputs_of=inputs_of_signs,
     run=find_signs,
+    load=open_part,
     reads=("detect", "scene_buffer", "sees_wide", "marks_others"),
     needs="coloured",
 )

@@ -402,8 +402,11 @@ class PointWindow:
         return self.cloud.with_(classification=classes.take(self.number), part=part if part.any() else None)
 
 
-def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> PointWindow:
-    """The points of a block and of its surroundings up to `reach` (m), with `ids` their own."""
+def load_window(
+    store: Store, block: Block, reach: float, ids: bool = True, names: Sequence[str] = ()
+) -> PointWindow:
+    """The points of a block and of its surroundings up to `reach` (m), with `ids` their own, and with those
+    of the other fields in the store that are named."""
     bounds = block.bounds.buffered(reach)
     west, south, east, north = (round(value / GRID_STEP) for value in bounds)
     ranges: dict[Block, tuple[int, int]] = {}
@@ -429,21 +432,21 @@ def load_window(store: Store, block: Block, reach: float, ids: bool = True) -> P
     arrays = {name: np.empty(total, RECORD[name]) for name, needed in fields.items() if needed}
     xyz, number = np.empty((total, 3)), np.empty(total, np.int64)
     ordered = len(pieces) == len({square for square, *_ in pieces})
-    others = {name: np.empty(total) for name in store.fields}
+    others = {name: np.empty(total) for name in names}
     for square, records, which, first in pieces:
         right, up = (round(way / GRID_STEP) for way in np.subtract(square.origin, block.origin))
         ordered &= right % PER_METRE == 0 == up % PER_METRE
         low = south - round(square.origin[1] / GRID_STEP)
-        place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, xyz)
-        number[place] = which + first
-        chosen = records.take(which)  # to take from a column would copy the whole of it first
+        place = deal_kernel(records["xyz"], which, low, free, right, up, GRID_STEP, first, xyz, number)
         for name, values in arrays.items():
-            values[place] = np.ascontiguousarray(chosen[name])
+            put_kernel(records[name], which, place, values)
         for name, values in others.items():
-            values[place] = np.ascontiguousarray(chosen["fields"][name])
+            put_kernel(records["fields"][name], which, place, values)
     cloud = PointCloud(xyz, block.origin, **arrays, fields=others, system=store.system, ordered=ordered)
-    order = cloud.canonical_order()
-    return PointWindow(block, replace(cloud.take(order), ordered=True), number.take(order), ranges, ends)
+    if not ordered:
+        order = cloud.canonical_order()
+        cloud, number = replace(cloud.take(order), ordered=True), number.take(order)
+    return PointWindow(block, cloud, number, ranges, ends)
 
 
 def load_points(store: Store, block: Block) -> tuple[NDArray[Any], bool]:
@@ -526,10 +529,13 @@ def deal_kernel(
     right: int,
     up: int,
     quantum: float,
+    first: int,
     xyz: Points,
+    number: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Deal points (K of N, 3) out to the places that are `free` in their rows of cells, counted from `south`:
-    their coordinates, moved by whole quanta, in metres into `xyz`, and the places (K,)."""
+    their coordinates, moved by whole quanta, in metres into `xyz`, what they are counted from `first` into
+    `number`, and the places (K,)."""
     place = np.empty(len(which), np.int64)
     for k in range(len(which)):
         i = which[k]
@@ -539,4 +545,14 @@ def deal_kernel(
         xyz[place[k], 0] = (quanta[i, 0] + right) * quantum
         xyz[place[k], 1] = (quanta[i, 1] + up) * quantum
         xyz[place[k], 2] = quanta[i, 2] * quantum
+        number[place[k]] = first + i
     return place
+
+
+@kernel
+def put_kernel(
+    values: NDArray[Any], which: NDArray[np.int64], place: NDArray[np.int64], column: NDArray[Any]
+) -> None:
+    """Write what some points (K of N) have of a column of records to their places (K,) in another one."""
+    for k in range(len(which)):
+        column[place[k]] = values[which[k]]

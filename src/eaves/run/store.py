@@ -110,6 +110,11 @@ def load_part(path: Path) -> Any:
     return unpack(file["value"]) if "value" in file else dict(file)
 
 
+def open_part(path: Path, *_: Any) -> PartFile:
+    """The arrays of a part, each read when it is asked for, as steps load a result."""
+    return PartFile(path)
+
+
 def packed(value: Any) -> NDArray[np.uint8]:
     """A value as an array of bytes (`pack`)."""
     return np.frombuffer(pack(value), np.uint8)

@@ -52,10 +52,10 @@ def best_planes(
     best = np.zeros((4, *cells.shape))
     best[3] = np.inf
     for size, price in ((WINDOW, 1.0), (2, limits.window_price)):
-        planes = planes_kernel(
-            sums, place, count, size, limits.window_points, limits.window_width * cells.side
-        )
-        take_best_kernel(planes, size, price, cells.west, cells.north, cells.side, best)
+        rules = size, limits.window_points, limits.window_width * cells.side
+        # planes of one size alone are in memory
+        about = size, price, cells.west, cells.north, cells.side
+        take_best_kernel(planes_kernel(sums, place, count, *rules), *about, best)
     return best[0], best[1], best[2], best[3]
 
 

@@ -241,33 +241,36 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
 
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
         """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
+        xyz, evidence, smooth = self.gather(scene, candidate)
+        most, tall = self.tolerance(scene.spacing), MIN_HEIGHT_M * self.kept
+        return xyz, evidence, find_segments(evidence, smooth, most, tall)
+
+    def gather(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Mask]:
+        """Points (N, 3) with heights counted from near them, evidence of cells, the smooth cells (H, W)."""
         xyz = scene.cloud.xyz.copy()
         z = xyz[:, 2]
         z -= np.floor(z.min(where=candidate, initial=z.max()))
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
         evidence = gather_evidence(scene, xyz, candidate, side, self)
-        most = self.tolerance(scene.spacing)
-        smooth = evidence.candidate & (evidence.residual < most)
-        return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M * self.kept)
+        return xyz, evidence, evidence.candidate & (evidence.residual < self.tolerance(scene.spacing))
 
     def count_signs(self, scene: Scene) -> Counts | None:
         candidate = self.candidates(scene)
         if not has_colours(scene.cloud) or int(candidate.sum()) < self.window_points:
             return None
-        return self.signs_of(scene, *self.find_surfaces(scene, candidate)[1:])
+        return self.signs_of(scene, *self.gather(scene, candidate)[1:])
 
-    def signs_of(self, scene: Scene, evidence: Evidence, segments: Segments) -> Counts:
-        """Signs of leaves, counted on the terrain, on rough places over it and on smooth ones."""
-        smooth, share = segments.label > 0, evidence.multi_return_share
-        terrain = signs_of_leaves(scene.cloud)[scene.cloud.ground]
+    def signs_of(self, scene: Scene, evidence: Evidence, smooth: Mask) -> Counts:
+        """Signs of leaves, counted on the terrain, on rough places over it and on smooth ones (H, W)."""
+        share, terrain = evidence.multi_return_share, signs_of_leaves(scene.cloud)[scene.cloud.ground]
         return count_signs(terrain, share[evidence.candidate & ~smooth], share[smooth])
 
     def colours_of(self, scene: Scene, evidence: Evidence, segments: Segments) -> Separation | None:
         """What colours tell where they stand for echoes; None where they do not."""
         if not has_colours(scene.cloud):
             return None
-        counts = self.signs_of(scene, evidence, segments) if scene.signs is None else scene.signs
+        counts = self.signs_of(scene, evidence, segments.label > 0) if scene.signs is None else scene.signs
         return learned(counts, WINDOW**2)
 
     def tolerance(self, spacing: float) -> float:

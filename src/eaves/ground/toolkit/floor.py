@@ -273,21 +273,20 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
     doubtful = np.zeros(0, np.int64) if cloud.part is None else np.flatnonzero(cloud.part == DOUBTFUL)
     if len(doubtful) == 0:
         return ()
-    # whole numbers in floats, which divide several times as fast
-    quanta = np.rint(cloud.xyz[:, :2] / GRID_STEP) + np.rint(np.divide(cloud.origin, GRID_STEP))
-    cell = np.floor(quanta / round(COARSEST_M / GRID_STEP))
+    corner, side = np.rint(np.divide(cloud.origin, GRID_STEP)), float(round(COARSEST_M / GRID_STEP))
+    quanta = np.rint(cloud.xyz.take(doubtful, axis=0)[:, :2] / GRID_STEP) + corner
+    cell = np.floor(quanta / side)
     low, high = extremes(cell)
-    shape = int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
-    number = ((cell[:, 0] - low[0]) * shape[1] + cell[:, 1] - low[1]).astype(np.int64)
-    total, unsure = (
-        np.bincount(cells, minlength=shape[0] * shape[1]) for cells in (number, number[doubtful])
-    )
-    mask = (unsure > 0).reshape(shape)
+    total = np.zeros((int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1), np.int64)
+    count_kernel(cloud.xyz, *corner.tolist(), *low.tolist(), side, total)
+    number = np.ravel_multi_index(tuple((cell - low).astype(np.int64).T), total.shape)
+    unsure = np.bincount(number, minlength=total.size)
+    mask = (unsure > 0).reshape(total.shape)
     group, count = group_cells(mask, *neighbour_pairs(mask))
-    area = np.bincount(group.ravel(), COARSEST_M**2 * unsure / np.maximum(total, 1), count + 1)
-    home = group.ravel()[number[doubtful]]
+    area = np.bincount(group.ravel(), COARSEST_M**2 * unsure / np.maximum(total.ravel(), 1), count + 1)
+    home = group.ravel()[number]
     middle = np.zeros((count + 1, 2), np.int64)
-    np.add.at(middle, home, quanta[doubtful].astype(np.int64))
+    np.add.at(middle, home, quanta.astype(np.int64))
     size = np.bincount(home, minlength=count + 1)
     doubts = []
     for k in np.flatnonzero(area >= LEAST_M2):
@@ -295,3 +294,18 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
         if bounds.contains(np.array([[x, y]]))[0]:
             doubts.append(Doubt(x, y, round(float(area[k]), 1), REASON, "ground"))
     return tuple(doubts)
+
+
+@kernel
+def count_kernel(
+    xyz: Points, right: float, up: float, west: float, south: float, side: float, total: Integers
+) -> None:
+    """Count the points (N, 3), moved by whole quanta, in cells (columns, rows) of a side (quanta), numbered
+    from the first in the west and south."""
+    columns, rows = total.shape
+    for i in range(len(xyz)):
+        # whole numbers in floats, which divide several times as fast
+        column = int(np.floor((np.rint(xyz[i, 0] / GRID_STEP) + right) / side) - west)
+        row = int(np.floor((np.rint(xyz[i, 1] / GRID_STEP) + up) / side) - south)
+        if 0 <= column < columns and 0 <= row < rows:
+            total[column, row] += 1

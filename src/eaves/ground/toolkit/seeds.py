@@ -282,7 +282,7 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
         place = cells_of(bounds, side_within(bounds, times * SIDE_M * wide, len(xyz)), 0.0)
         cells = Cells(*place, *order_kernel(xyz, *place))
         mark_low_kernel(xyz, cells, ring_of(*RING), DEPTH_M * wide**2, reach, low)
-    low = under_terrain(xyz, low, max(SIDE_M, reach), DEPTH_M * wide**2)
+    low = under_terrain(xyz, bounds, low, max(SIDE_M, reach), DEPTH_M * wide**2)
     for shift in (0.0, 0.5):
         mark_high_kernel(xyz, *cells_of(bounds, CELL_M * max(1.0, spacing), shift), high)
     return low, high & ~low
@@ -295,16 +295,15 @@ def side_within(bounds: Bounds, side: float, count: int) -> float:
     return side
 
 
-def under_terrain(xyz: Points, low: Mask, side: float, depth: float) -> Mask:
+def under_terrain(xyz: Points, bounds: Bounds, low: Mask, side: float, depth: float) -> Mask:
     """Those of the low points (N,) that lie more than `depth` (m) under the terrain that an opening of the
-    others leaves in cells of a side (m)."""
+    others leaves in cells of a side (m); `bounds` are those of all."""
     others, number = xyz.take(np.flatnonzero(~low), axis=0), np.flatnonzero(low)
     if len(number) == 0 or len(others) == 0:
         return low
-    bounds, rules = Bounds.of(xyz), Opening()
     side = side_within(bounds, side, len(xyz))
     lowest = lowest_surface(others, bounds, side, np.zeros(len(others), bool))
-    terrain = terrain_of(lowest, rules)
+    terrain = terrain_of(lowest, Opening())
     under = np.zeros(len(xyz), bool)
     under[number] = xyz[number, 2] < terrain.values[terrain.cell_of(xyz[number])] - depth
     return under
@@ -435,29 +434,33 @@ def mark_high_kernel(xyz: Points, corner: Values, side: float, rows: int, column
     """Mark in `high` (N,) the points of high groups in cells (rows, columns), few of which rise over all
     around.
     """
-    top, level = -empty_around(rows, columns, 1), np.full((rows, columns), np.inf)
+    top = -empty_around(rows, columns, 1)
+    level, highest, cell = np.full(top.shape, np.inf), top.ravel(), np.empty(len(xyz), np.int32)
     for i in range(len(xyz)):
         row, column = place_of(xyz, i, corner, side)
-        top[row + 1, column + 1] = max(top[row + 1, column + 1], xyz[i, 2])
-    for row in range(rows):
-        for column in range(columns):
-            around = top[row : row + 3, column : column + 3].copy()
+        cell[i] = (row + 1) * (columns + 2) + column + 1
+        highest[cell[i]] = max(highest[cell[i]], xyz[i, 2])
+    for row in range(1, rows + 1):
+        for column in range(1, columns + 1):
+            around = top[row - 1 : row + 2, column - 1 : column + 2].copy()
             around[1, 1] = -np.inf
             if (around > -np.inf).sum() >= 3:
                 level[row, column] = around.max() + CELL_M
-    if not (top[1:-1, 1:-1] >= level).any():
+    rises, limit = (top >= level).ravel(), level.ravel()
+    if not rises.any():
         return
-    size, above = np.zeros((rows, columns)), np.zeros((rows, columns))
-    least, rest = np.full((rows, columns), np.inf), np.full((rows, columns), -np.inf)
+    size, above = np.zeros(len(rises)), np.zeros(len(rises))
+    least, rest = np.full(len(rises), np.inf), np.full(len(rises), -np.inf)
     for i in range(len(xyz)):
-        place, z = place_of(xyz, i, corner, side), xyz[i, 2]
+        place, z = cell[i], xyz[i, 2]
+        if not rises[place]:
+            continue
         size[place] += 1
-        if z >= level[place]:
+        if z >= limit[place]:
             above[place] += 1
             least[place] = min(least[place], z)
         else:
             rest[place] = max(rest[place], z)
-    alone = (above <= np.minimum(GROUP, GROUP_SHARE * size)) & (least - rest >= CELL_M)
+    alone = rises & (above <= np.minimum(GROUP, GROUP_SHARE * size)) & (least - rest >= CELL_M)
     for i in range(len(xyz)):
-        place = place_of(xyz, i, corner, side)
-        high[i] |= alone[place] and xyz[i, 2] >= level[place]
+        high[i] |= alone[cell[i]] and xyz[i, 2] >= limit[cell[i]]
