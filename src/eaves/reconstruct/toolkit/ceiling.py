@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from eaves.figures.attributes import NEAR_M, surface_heights
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
-from eaves.kernels import inlined_kernel, kernel
+from eaves.kernels import kernel
 from eaves.model import ROOF_SURFACE, Labels, Points, Solid, Values
+from eaves.solids.extrude import height_at
 
 LEAST_RISE, SIGMAS = 0.15, 3.0
 """No corner lies higher over the highest point than by so much (m), or by so many sigmas of its plane."""
@@ -76,12 +75,6 @@ def rise_kernel(
                 over = height_at(planes[plane], place) - second - MEETING
                 rise[node, plane] = min(rise[node, plane], max(over, 0.0))
     return rise
-
-
-@inlined_kernel
-def height_at(plane: Values, place: Values) -> Any:
-    """The height (m) of a plane (3,) over a place (2,)."""
-    return plane[0] * place[0] + plane[1] * place[1] + plane[2]
 
 
 def height_over_points(solids: tuple[Solid, ...], points: Points) -> float:
