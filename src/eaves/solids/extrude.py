@@ -456,11 +456,13 @@ def close_cells(
             part, cells = plan.merged(np.where(group == number, cells, OUTSIDE))
         half_edges = (part.nodes, part.start, part.end, part.cell, part.twin, part.following)
         faces = (over[cells], under[cells])
-        *shell, kind, label, nodes = shell_kernel(*half_edges, tops[cells], floors[cells], *faces)
-        surfaces = [KINDS[one] for one in kind.tolist()]
-        called = [names[one] if of == ROOF_SURFACE else None for one, of in zip(label, surfaces, strict=True)]
-        planes = [NO_PLANE if name is None else name for name in called]
-        solids.append(Solid(*shell, np.array(surfaces, np.str_), np.array(planes, np.int64)))
+        shell = shell_kernel(*half_edges, tops[cells], floors[cells], *faces)
+        vertices, corners, sizes, counts, kind, label, nodes = shell
+        surfaces = np.array([KINDS[one] for one in kind.tolist()], np.str_)
+        planes = np.full(len(kind), NO_PLANE)
+        called = [names[number] for number in label[kind == KINDS.index(ROOF_SURFACE)].tolist()]
+        planes[kind == KINDS.index(ROOF_SURFACE)] = [NO_PLANE if name is None else name for name in called]
+        solids.append(Solid(vertices, corners, sizes, counts, surfaces, planes))
         touching.append(part.nodes[nodes])
     return solids, np.concatenate(touching)
 
@@ -572,7 +574,8 @@ def bodies_kernel(
             top = min(height_at(tops[inside], place), height_at(tops[beyond], place))
             floor = max(height_at(floors[inside], place), height_at(floors[beyond], place))
             joined[half] |= top - floor > 2.0 * SAME_HEIGHT
-    return connected_groups_kernel(cell[joined], cell[twin[joined]], len(tops))
+    bodies: Integers = connected_groups_kernel(cell[joined], cell[twin[joined]], len(tops))
+    return bodies
 
 
 @inlined_kernel
