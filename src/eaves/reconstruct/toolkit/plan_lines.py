@@ -349,14 +349,8 @@ def rectangles_kernel(
             cosine, sine = np.cos(angle), np.sin(angle)
             u = np.sort(own[:, 0] * cosine + own[:, 1] * sine)
             v = np.sort(own[:, 1] * cosine - own[:, 0] * sine)
-            west, east = (
-                share_kernel(u, trim / 100.0) - margin,
-                share_kernel(u, (100.0 - trim) / 100.0) + margin,
-            )
-            south, north = (
-                share_kernel(v, trim / 100.0) - margin,
-                share_kernel(v, (100.0 - trim) / 100.0) + margin,
-            )
+            west, east = share_kernel(u, low) - margin, share_kernel(u, high) + margin
+            south, north = share_kernel(v, low) - margin, share_kernel(v, high) + margin
             area = (east - west) * (north - south)
             if area < least:
                 least, sides, x, y = area, (west, east, south, north), cosine, sine
