@@ -17,7 +17,7 @@ from eaves.reconstruct.toolkit.plan_lines import (
     divide,
     extend,
     fullest_strip_kernel,
-    meetings_kernel,
+    meeting_lines_kernel,
     rectangles_kernel,
     step_lines,
 )
@@ -132,6 +132,6 @@ def test_two_planes_meet_where_their_border_runs_along_the_line__and_places_besi
     planes = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 4.0], [0.0, 0.0, 9.0]])  # the first two meet at y = 4
     places = np.array([[1.0, 4.0], [2.0, 4.1], [3.0, 3.9], [4.0, 4.0], [2.0, 7.0], [5.0, 5.0]])
     pairs = np.array([[0, 1]] * 5 + [[1, 2]])
-    lines, jumps = meetings_kernel(pairs, places, planes, 0.5)
+    lines, jumps = meeting_lines_kernel(pairs, places, planes, 0.5)
     assert lines.tolist() == [[0.0, 1.0, 4.0, -4.0, -1.0, 4.0]]
     assert jumps.tolist() == [False] * 4 + [True] * 2

@@ -59,7 +59,7 @@ from eaves.solids.extrude import (
     extrude_plan,
     is_sound,
     make_moves,
-    rims_kernel,
+    part_rims_kernel,
     without_numbers,
 )
 from eaves.solids.soundness import LOWEST_WALL
@@ -193,7 +193,7 @@ def moves_kernel(
     `planes` (P, 3), `part` (C,) of the cells; `highest` (P,) as in `settle_corners`.
     """
     leaving, first = members_kernel(start, len(nodes))
-    is_rim = rims_kernel(cell, twin, part)
+    is_rim = part_rims_kernel(cell, twin, part)
     rank = corner_rank_kernel(nodes, start, end, is_rim)
     moves, swept = 0, 0
     node, into, saved = np.empty(len(start), np.int64), np.empty(len(start), np.int64), np.empty(len(start))

@@ -88,8 +88,8 @@ def merge_short_edges(
     """The coverage with its short edges shrunk to a node, together where that is sound, else one by one."""
     refused: set[tuple[float, ...]] = set()
     for _ in range(MOST_ROUNDS):
-        half_edges, is_rim = (coverage.nodes, coverage.start, coverage.end), rims_of(coverage, part[labels])
-        pairs = short_edges_kernel(*half_edges, is_rim, shortest)
+        is_rim = part_rims_kernel(coverage.cell, coverage.twin, part[labels])
+        pairs = short_edges_kernel(coverage.nodes, coverage.start, coverage.end, is_rim, shortest)
         moved = make_moves(coverage, labels, pairs, refused)
         if moved is None:
             break
@@ -169,15 +169,10 @@ def short_edges_kernel(
     return pairs[np.argsort(length[:count], kind="mergesort")]
 
 
-def rims_of(coverage: Coverage, part: Integers) -> Mask:
+@kernel
+def part_rims_kernel(cell: Integers, twin: Integers, part: Integers) -> Mask:
     """Mask (H,) of the half-edges on the outline, and on walls between cells of one `part` (C,) and
     another."""
-    return np.asarray(rims_kernel(coverage.cell, coverage.twin, part))
-
-
-@kernel
-def rims_kernel(cell: Integers, twin: Integers, part: Integers) -> Mask:
-    """See `rims_of`."""
     is_rim = np.empty(len(cell), np.bool_)
     for half in range(len(cell)):
         inside, beyond = cell[half], cell[twin[half]]
@@ -220,7 +215,7 @@ def absorb_kernel(
     for _ in range(rounds):
         if len(labels) < 2:
             break
-        is_rim = rims_kernel(cell, twin, part[labels])
+        is_rim = part_rims_kernel(cell, twin, part[labels])
         target = sliver_kernel(nodes, start, end, cell, twin, is_rim, area, smallest, narrowest)
         if np.all(target == np.arange(len(target))):
             break
@@ -458,16 +453,18 @@ def close_cells(
         faces = (over[cells], under[cells])
         shell = shell_kernel(*half_edges, tops[cells], floors[cells], *faces)
         vertices, corners, sizes, counts, kind, label, nodes = shell
-        surfaces = np.array([KINDS[one] for one in kind.tolist()], np.str_)
+        surfaces = np.array([SHELL_SURFACES[one] for one in kind.tolist()], np.str_)
         planes = np.full(len(kind), NO_PLANE)
-        called = [names[number] for number in label[kind == KINDS.index(ROOF_SURFACE)].tolist()]
-        planes[kind == KINDS.index(ROOF_SURFACE)] = [NO_PLANE if name is None else name for name in called]
+        called = [names[number] for number in label[kind == SHELL_SURFACES.index(ROOF_SURFACE)].tolist()]
+        planes[kind == SHELL_SURFACES.index(ROOF_SURFACE)] = [
+            NO_PLANE if name is None else name for name in called
+        ]
         solids.append(Solid(vertices, corners, sizes, counts, surfaces, planes))
         touching.append(part.nodes[nodes])
     return solids, np.concatenate(touching)
 
 
-KINDS = (GROUND_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE, WALL_SURFACE)
+SHELL_SURFACES = (GROUND_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE, WALL_SURFACE)
 """Surfaces of faces in the order in which they come in a solid."""
 
 
@@ -485,8 +482,8 @@ def shell_kernel(
     under: Integers,
 ) -> tuple[Values, Integers, Integers, Integers, Integers, Integers, Integers]:
     """Vertices (V, 3), corners (C,), ring sizes (R,) and ring counts (F,) of the solid of a connected plan by
-    its columns (`columns_kernel`); of each face (F,) which of `KINDS` it is, and its number `over` or
-    `under`; the nodes (K,) at which walls touch.
+    its columns (`columns_kernel`); of each face (F,) which of `SHELL_SURFACES` it is, and its number `over`
+    or `under`; the nodes (K,) at which walls touch.
 
     Roof faces come in the order of their numbers, the outer ring of a face is its first.
     """

@@ -30,11 +30,11 @@ def reach_of(spacing: float) -> float:
 def highest_of(roof: Points, labels: Labels, planes: Values, most: float) -> Values:
     """The height (P,) over which no corner of a plane may lie: that of the highest point (N, 3) of any plane,
     and what its own scatter hides, at most `most` (m)."""
-    return np.asarray(fit_kernel(roof, labels, planes, float(most))[0])
+    return np.asarray(spread_kernel(roof, labels, planes, float(most))[0])
 
 
 @kernel
-def fit_kernel(roof: Points, labels: Labels, planes: Values, most: float) -> tuple[Values, float]:
+def spread_kernel(roof: Points, labels: Labels, planes: Values, most: float) -> tuple[Values, float]:
     """`highest_of` the planes (P, 3), and the median distance (m) of roof points (N, 3) from the planes that
     their `labels` (N,) name; infinite where none do."""
     squares, sizes = np.zeros(len(planes)), np.zeros(len(planes))

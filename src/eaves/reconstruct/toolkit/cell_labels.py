@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Integers, Labels, Mask, Points, Values
-from eaves.reconstruct.toolkit.ceiling import fit_kernel, rise_over
+from eaves.reconstruct.toolkit.ceiling import rise_over, spread_kernel
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
 from eaves.solids.soundness import LOWEST_WALL
@@ -322,7 +322,7 @@ def plane_reach(
     `residual_share` times the scatter of those points, from their median distance, as of a normal
     distribution.
     """
-    highest, away = fit_kernel(roof, labels, planes, float(costs.residual_limit))
+    highest, away = spread_kernel(roof, labels, planes, float(costs.residual_limit))
     limit = min(max(costs.residual_share * (away / NORMAL_MEDIAN), LOWEST_WALL), costs.residual_limit)
     return PlaneReach(roof, labels, planes, spacing, ground + LOWEST_ROOF, highest, limit)
 

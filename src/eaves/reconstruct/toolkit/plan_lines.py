@@ -174,7 +174,7 @@ def candidate_lines(
     `labels` (N,) are the planes of the points (N, 3), -1 for none; `planes` (P, 3) their coefficients.
     """
     pairs, places = border_places(points, labels, polygon)
-    meeting, jumps = meetings_kernel(pairs, places, planes, spacing)
+    meeting, jumps = meeting_lines_kernel(pairs, places, planes, spacing)
     planes_met, main = np.unique(pairs), main_directions(polygon)
     across = line_directions(main, planes[planes_met])
     stepping = [line for cluster in divide(places[jumps]) for line in step_lines(cluster, across, spacing)]
@@ -182,7 +182,7 @@ def candidate_lines(
     around = rectangles_kernel(points, labels, planes_met, main, 0.5 * spacing, fewest, trim)
     lines = [
         line
-        for kind in (lines_of(meeting), stepping, lines_of(around))
+        for kind in (as_lines(meeting), stepping, as_lines(around))
         for line in sorted(kind, key=lambda line: (-line.support, line.low - line.high, line.offset))
     ]
     return distinct_lines(lines, 0.5 * spacing)[:MOST_TOGETHER]
@@ -217,13 +217,15 @@ def distinct_kernel(rows: Values, reach: float) -> Mask:
     return distinct
 
 
-def lines_of(rows: Values) -> list[Line]:
+def as_lines(rows: Values) -> list[Line]:
     """The lines of rows (L, 6) of their numbers."""
     return [Line(*row) for row in rows.tolist()]
 
 
 @kernel
-def meetings_kernel(pairs: Integers, places: Values, planes: Values, spacing: float) -> tuple[Values, Mask]:
+def meeting_lines_kernel(
+    pairs: Integers, places: Values, planes: Values, spacing: float
+) -> tuple[Values, Mask]:
     """The lines (L, 6) in which two planes (P, 3) meet, where the border (M, 2) of the `pairs` (M, 2) runs
     along it; which places run along none (M,)."""
     lines, count, jumps = np.empty((len(places), 6)), 0, np.ones(len(places), np.bool_)
