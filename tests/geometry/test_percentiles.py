@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.geometry.planes import column_percentiles, group_percentiles, median, quantile
+from eaves.geometry.planes import group_percentiles, median, quantile
 
 
 @pytest.mark.parametrize("percent", [0.0, 1.0, 50.0, 70.0, 99.0, 100.0])
@@ -23,13 +23,6 @@ def test_percentiles_are_those_of_numpy__to_the_bit(percent: float) -> None:
 def test_no_values_have_no_percentile() -> None:
     assert np.isnan(group_percentiles(np.zeros(0), np.zeros(0, np.int64), 2, 50.0)).all()
     assert len(group_percentiles(np.zeros(0), np.zeros(0, np.int64), 0, 50.0)) == 0
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 50, 51, 101])
-def test_percentiles_of_columns_are_those_of_numpy__to_the_bit(count: int) -> None:
-    values = np.random.default_rng(count).normal(size=(count, 3))
-    percents = (0.0, 2.0, 37.0, 50.0, 98.0, 100.0)
-    assert np.array_equal(column_percentiles(values, percents), np.percentile(values, percents, axis=0))
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 50, 51, 101])

@@ -17,6 +17,8 @@ from eaves.reconstruct.toolkit.plan_lines import (
     divide,
     extend,
     fullest_strip_kernel,
+    meeting_lines_kernel,
+    rectangles_kernel,
     step_lines,
 )
 from eaves.solids.coverage import OVERSHOOT
@@ -113,3 +115,23 @@ def test_border_places_of_few_or_collinear_points_are_none() -> None:
     for points in (np.zeros((0, 3)), np.zeros((2, 3)), np.column_stack([np.arange(6.0)] * 3)):
         pairs, places = border_places(points, (np.arange(len(points)) % 2).astype(np.int32), square)
         assert len(pairs) == len(places) == 0
+
+
+@pytest.mark.parametrize("count", [6, 50, 51, 101])
+def test_the_sides_of_a_rectangle_are_percentiles_of_numpy__to_the_bit(count: int) -> None:
+    points = np.random.default_rng(count).normal(size=(count, 3)) * [9.0, 4.0, 1.0]
+    labels = np.zeros(count, np.int32)
+    rows = rectangles_kernel(points, labels, np.array([0]), np.array([0.0]), 0.25, 6, 2.0)
+    low, high = np.percentile(points[:, :2], [2.0, 98.0], axis=0) + [[-0.25], [0.25]]
+    assert rows[:, 2].tolist() == [low[0], high[0], low[1], high[1]]
+    assert rows[:, 3:5].tolist() == [[low[1], high[1]]] * 2 + [[-high[0], -low[0]]] * 2
+    assert len(rectangles_kernel(points, labels, np.array([0]), np.array([0.0]), 0.25, count + 1, 2.0)) == 0
+
+
+def test_two_planes_meet_where_their_border_runs_along_the_line__and_places_beside_it_are_jumps() -> None:
+    planes = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 4.0], [0.0, 0.0, 9.0]])  # the first two meet at y = 4
+    places = np.array([[1.0, 4.0], [2.0, 4.1], [3.0, 3.9], [4.0, 4.0], [2.0, 7.0], [5.0, 5.0]])
+    pairs = np.array([[0, 1]] * 5 + [[1, 2]])
+    lines, jumps = meeting_lines_kernel(pairs, places, planes, 0.5)
+    assert lines.tolist() == [[0.0, 1.0, 4.0, -4.0, -1.0, 4.0]]
+    assert jumps.tolist() == [False] * 4 + [True] * 2

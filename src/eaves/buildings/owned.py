@@ -427,10 +427,12 @@ def lacks_roof(building: BuildingPoints, roof: NDArray[np.int64], planes: Sequen
     """
     if building.given is None:
         return ""
-    inner = building.given.polygon.buffer(-CELL)
-    if building.ground_seen is not None and not inner.is_empty:
-        cells = cells_of(building.ground_seen)
-        share = CELL**2 * np.count_nonzero(shapely.contains_xy(inner, *cells.T)) / inner.area
+    outline, seen = building.given.polygon, building.ground_seen
+    under = None if seen is None else cells_of(seen)
+    if under is not None and shapely.contains_xy(outline, *under.T).any():
+        inner = outline.buffer(-CELL)
+        count = np.count_nonzero(shapely.contains_xy(inner, *under.T))
+        share = CELL**2 * count / inner.area if count else 0.0
         if share > MOST_GROUND:
             return f"ground was seen in {min(share, 1.0):.0%} of it"
     if building.not_last is None or not len(roof):

@@ -174,19 +174,8 @@ class FaceTable:
         Each edge is cut at the height and summed by its cross product about a place of its face's level line,
         so that the line itself adds nothing.
         """
-        start, end = self.corners, self.corners[self.following]
-        rise = end[:, 2] - start[:, 2]
-        over = start[:, 2] >= height
-        crossing = over != over[self.following]
-        share = np.where(crossing, (height - start[:, 2]) / np.where(rise == 0.0, 1.0, rise), 0.0)
-        cut = start[:, :2] + share[:, None] * (end - start)[:, :2]
-        place = self.corners[self.ring_start[self.outer], :2]
-        place[self.face_of_corner[crossing]] = cut[crossing]
-        origin = place[self.face_of_corner]
-        a = np.where(over[:, None], start[:, :2], cut) - origin
-        b = np.where(over[self.following][:, None], end[:, :2], cut) - origin
-        seen = over | over[self.following]
-        return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[seen].sum())
+        parts = section_kernel(self.corners, self.following, self.face_of_corner, len(self), height)
+        return float(0.5 * parts.sum())
 
     def polygons(self, dimensions: int = 2) -> NDArray[np.object_]:
         """The faces (F,) as polygons, in plan or with their heights."""
@@ -274,6 +263,30 @@ class FaceTable:
         first = np.stack([d, e, np.zeros(len(d))], axis=1)
         second = np.stack([-c * e, c * d, a * e - b * d], axis=1)
         return np.stack([self.corners[self.ring_start[self.outer]], first, second], axis=1)
+
+
+@kernel
+def section_kernel(corners: Points, following: Integers, face: Integers, count: int, height: float) -> Values:
+    """The cross products (K,) of which `section_area` is half the sum, of the edges from the corners (V, 3)
+    of each of `count` faces to those `following` (V,)."""
+    origin, cut = np.empty((count, 2)), np.zeros((len(corners), 2))
+    for corner in range(len(corners) - 1, -1, -1):  # the first corner is left, or the last that is cut
+        origin[face[corner]] = corners[corner, :2]
+    for corner in range(len(corners)):
+        start, end = corners[corner], corners[following[corner]]
+        if (start[2] >= height) != (end[2] >= height):
+            share = (height - start[2]) / (end[2] - start[2])
+            cut[corner] = start[:2] + share * (end[:2] - start[:2])
+            origin[face[corner]] = cut[corner]
+    parts, seen = np.empty(len(corners)), 0
+    for corner in range(len(corners)):
+        start, end = corners[corner], corners[following[corner]]
+        if start[2] >= height or end[2] >= height:
+            ax, ay = (start[:2] if start[2] >= height else cut[corner]) - origin[face[corner]]
+            bx, by = (end[:2] if end[2] >= height else cut[corner]) - origin[face[corner]]
+            parts[seen] = ax * by - ay * bx
+            seen += 1
+    return parts[:seen]
 
 
 @kernel
@@ -412,12 +425,21 @@ def highest_faces(
     Edges from `start` to `end` (E, 2) are those of the faces `owner` (E,), ascending; faces have the
     `coefficients` (F, 3). Of faces of one height it is the first.
     """
-    face, height = np.full(len(points), -1), np.full(len(points), np.nan)
     under, over = points_in_polygons(points, start, end, owner, len(coefficients))
-    a, b, c = coefficients[over].T
-    heights = a * points[under, 0] + b * points[under, 1] + c
-    if len(under) > 1 and (under[1:] == under[:-1]).any():
-        order = np.lexsort((-over, heights))  # the highest comes last; of equals the first face
-        under, over, heights = under[order], over[order], heights[order]
-    face[under], height[under] = over, heights
+    face, height = highest_kernel(points, under, over, coefficients)
+    return face, height
+
+
+@kernel
+def highest_kernel(
+    points: Points, under: Integers, over: Integers, coefficients: Values
+) -> tuple[Integers, Values]:
+    """See `highest_faces`; points `under` (K,) lie under faces `over` (K,)."""
+    face, height = np.full(len(points), -1), np.full(len(points), np.nan)
+    for pair in range(len(under)):
+        point, number = under[pair], over[pair]
+        a, b, c = coefficients[number]
+        z = a * points[point, 0] + b * points[point, 1] + c
+        if face[point] < 0 or z > height[point] or (z == height[point] and number < face[point]):
+            face[point], height[point] = number, z
     return face, height

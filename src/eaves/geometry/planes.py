@@ -56,20 +56,6 @@ def group_percentiles(values: Values, group: Labels | Integers, count: int, perc
     return percentiles
 
 
-def column_percentiles(values: Values, percents: tuple[float, ...]) -> Values:
-    """The percentiles (P, K) of each column of values (N, K), N ≥ 1; to the bit as `numpy.percentile` has
-    them.
-    """
-    ordered = np.sort(values, axis=0)
-    last = len(ordered) - 1
-    rows = []
-    for percent in percents:
-        place = last * (percent / 100.0)
-        low = int(place)
-        rows.append(between(ordered[low], ordered[min(low + 1, last)], place - low))
-    return np.array(rows)
-
-
 def between(before: Values, after: Values, share: Values | float) -> Values:
     """The values (K,) at a share of the way from some to others, from the nearer end: as numpy has them."""
     step = after - before

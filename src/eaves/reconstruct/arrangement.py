@@ -25,7 +25,6 @@ from eaves.model import (
     Footprint,
     Integers,
     Labels,
-    Mask,
     Points,
     RoofPlane,
     Solid,
@@ -52,16 +51,15 @@ from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures
 from eaves.reconstruct.toolkit.unseen import mirrored_planes, unseen_lines, unseen_places
-from eaves.solids.coverage import OUTSIDE, Coverage
+from eaves.solids.coverage import OUTSIDE, Coverage, corner_rank_kernel
 from eaves.solids.cutting import arrange
 from eaves.solids.extrude import (
     LOWEST_ROOF,
-    corner_rank,
     extrude_first,
     extrude_plan,
     is_sound,
     make_moves,
-    rims_of,
+    part_rims_kernel,
     without_numbers,
 )
 from eaves.solids.soundness import LOWEST_WALL
@@ -107,8 +105,8 @@ def settle_corners(
         refused: set[tuple[float, ...]] = set()
         plan, plan_labels = coverage, labels
         for _ in range(PASSES):
-            is_rim = rims_of(plan, part[plan_labels])
-            pairs = worthwhile_moves(plan, plan_labels, is_rim, roof, planes, costs, price, reach, highest)
+            of_part = part[plan_labels]
+            pairs = worthwhile_moves(plan, plan_labels, of_part, roof, planes, costs, price, reach, highest)
             moved = make_moves(plan, plan_labels, pairs, refused, careful) if len(pairs) else None
             if moved is None:
                 break
@@ -121,7 +119,7 @@ def settle_corners(
 def worthwhile_moves(
     coverage: Coverage,
     labels: Integers,
-    is_rim: Mask,
+    part: Integers,
     roof: Points,
     planes: Values,
     costs: LabelCosts,
@@ -129,14 +127,15 @@ def worthwhile_moves(
     reach: float,
     highest: Values,
 ) -> Integers:
-    """Pairs (K, 2) of a node and the neighbour it should move into, the best first."""
+    """Pairs (K, 2) of a node and the neighbour it should move into, the best first; of cells of one `part`
+    (C,) and another the walls stay."""
     half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, *coverage.neighbours)
     node, into, saved, triangles, move, gets, has = moves_kernel(
-        *half_edges, labels, planes, is_rim, corner_rank(coverage, is_rim), reach, highest
+        *half_edges, labels, planes, part, reach, highest
     )
     gain = price * saved
     if len(triangles):
-        ends = np.roll(triangles, -1, axis=1).reshape(-1, 2)
+        ends = triangles[:, [1, 2, 0]].reshape(-1, 2)
         owner = np.repeat(np.arange(len(triangles)), 3)
         point, swept = points_in_polygons(roof, triangles.reshape(-1, 2), ends, owner, len(triangles))
         gain -= changes_kernel(roof, point, swept, planes, gets, has, move, len(node), costs.residual_limit)
@@ -183,8 +182,7 @@ def moves_kernel(
     following: Integers,
     labels: Integers,
     planes: Values,
-    is_rim: Mask,
-    rank: Integers,
+    part: Integers,
     reach: float,
     highest: Values,
 ) -> tuple[Integers, Integers, Values, Values, Integers, Integers, Integers]:
@@ -192,9 +190,11 @@ def moves_kernel(
     sweep: triangles (T, 3, 2), the move of each, the label its points get, and the one they have, (T,).
 
     A point swept by several edges goes from cell to cell, so that the changes add up. `labels` (C,) of the
-    `planes` (P, 3), `rank` (V,) as by `corner_rank`; `highest` (P,) as in `settle_corners`.
+    `planes` (P, 3), `part` (C,) of the cells; `highest` (P,) as in `settle_corners`.
     """
     leaving, first = members_kernel(start, len(nodes))
+    is_rim = part_rims_kernel(cell, twin, part)
+    rank = corner_rank_kernel(nodes, start, end, is_rim)
     moves, swept = 0, 0
     node, into, saved = np.empty(len(start), np.int64), np.empty(len(start), np.int64), np.empty(len(start))
     room = 8 * len(start)

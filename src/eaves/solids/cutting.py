@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import shapely
 from shapely import Polygon
@@ -40,13 +42,19 @@ def arrange(polygon: Polygon, segments: Values) -> Coverage | None:
     first, and places where segments meet, that near to each other, are one. None when the polygon has no
     area on the grid.
     """
-    clean = without_necks(shapely.set_precision(polygon, COORDINATE_STEP), COORDINATE_STEP)
-    if clean.is_empty:
+    outline = edges_on_grid(polygon)
+    if not len(outline):
         return None
-    first, last, _ = edges_of(shapely.orient_polygons(shapely.get_parts(clean)))
-    outline = np.round(np.hstack([first, last]) / COORDINATE_STEP)
     knotted = knot_kernel(outline, segments / COORDINATE_STEP, NARROWEST_NECK / COORDINATE_STEP, ROUNDED)
     return cells_between(*knotted) if len(knotted[0]) else None
+
+
+@lru_cache(maxsize=4)
+def edges_on_grid(polygon: Polygon) -> Values:
+    """The edges (E, 4; steps of the grid) of a polygon without necks, what is inside to their left."""
+    clean = without_necks(shapely.set_precision(polygon, COORDINATE_STEP), COORDINATE_STEP)
+    first, last, _ = edges_of(shapely.orient_polygons(shapely.get_parts(clean)))
+    return np.asarray(np.round(np.hstack([first, last]) / COORDINATE_STEP))
 
 
 def cut(plan: Coverage, segments: Values) -> Coverage | None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from operator import itemgetter
+from typing import Any
 
 import numpy as np
 import shapely
@@ -20,10 +19,8 @@ from eaves.model import (
     OUTER_CEILING_SURFACE,
     ROOF_SURFACE,
     WALL_SURFACE,
-    Face,
     Integers,
     Mask,
-    Points,
     Solid,
     Values,
 )
@@ -36,6 +33,10 @@ from eaves.solids.coverage import (
     corner_rank_kernel,
     coverage_of,
     cut_polygons,
+    follow_kernel,
+    merge_kernel,
+    regions_kernel,
+    rings_kernel,
     sliver_kernel,
     straighten_kernel,
 )
@@ -87,7 +88,8 @@ def merge_short_edges(
     """The coverage with its short edges shrunk to a node, together where that is sound, else one by one."""
     refused: set[tuple[float, ...]] = set()
     for _ in range(MOST_ROUNDS):
-        pairs = short_edges(coverage, shortest, rims_of(coverage, part[labels]))
+        is_rim = part_rims_kernel(coverage.cell, coverage.twin, part[labels])
+        pairs = short_edges_kernel(coverage.nodes, coverage.start, coverage.end, is_rim, shortest)
         moved = make_moves(coverage, labels, pairs, refused)
         if moved is None:
             break
@@ -145,33 +147,39 @@ def apart_kernel(start: Integers, end: Integers, pairs: Integers, size: int) -> 
     return chosen[:count]
 
 
-def short_edges(coverage: Coverage, shortest: float, is_rim: Mask) -> Integers:
+@kernel
+def short_edges_kernel(
+    nodes: Values, start: Integers, end: Integers, is_rim: Mask, shortest: float
+) -> Integers:
     """Pairs (K, 2) of nodes, the ends of edges too short to be meant, shortest first: one moves to the other.
 
     Corners of the rims stay, other nodes on them move along them, nodes inside move freely.
     """
-    rank = corner_rank(coverage, is_rim)
-    limit = np.where((rank[coverage.start] == 2) & (rank[coverage.end] == 2), NARROWEST_NECK, shortest)
-    one_way = (coverage.start < coverage.end) & (
-        is_rim | (rank[coverage.start] == 0) | (rank[coverage.end] == 0)
-    )
-    halves = np.flatnonzero(one_way & (coverage.length < limit))
-    halves = halves[np.argsort(coverage.length[halves], kind="stable")]
-    start, end = coverage.start[halves], coverage.end[halves]
-    ahead = rank[start] <= rank[end]
-    return np.column_stack([np.where(ahead, start, end), np.where(ahead, end, start)])
+    rank = corner_rank_kernel(nodes, start, end, is_rim)
+    pairs, length, count = np.empty((len(start), 2), np.int64), np.empty(len(start)), 0
+    for half in range(len(start)):
+        a, b = start[half], end[half]
+        if a >= b or not (is_rim[half] or rank[a] == 0 or rank[b] == 0):
+            continue
+        length[count] = np.hypot(nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1])
+        if length[count] < (NARROWEST_NECK if rank[a] == 2 and rank[b] == 2 else shortest):
+            ahead = rank[a] <= rank[b]
+            pairs[count, 0], pairs[count, 1] = a if ahead else b, b if ahead else a
+            count += 1
+    return pairs[np.argsort(length[:count], kind="mergesort")]
 
 
-def corner_rank(coverage: Coverage, is_rim: Mask) -> Integers:
-    """2 for corners of the rims `is_rim` (H,), 1 for other nodes on them, 0 for nodes inside (V,)."""
-    return np.asarray(corner_rank_kernel(coverage.nodes, coverage.start, coverage.end, is_rim))
-
-
-def rims_of(coverage: Coverage, part: Integers) -> Mask:
+@kernel
+def part_rims_kernel(cell: Integers, twin: Integers, part: Integers) -> Mask:
     """Mask (H,) of the half-edges on the outline, and on walls between cells of one `part` (C,) and
     another."""
-    beside = np.append(part, OUTSIDE)[coverage.cell]
-    return np.asarray(beside != beside[coverage.twin])
+    is_rim = np.empty(len(cell), np.bool_)
+    for half in range(len(cell)):
+        inside, beyond = cell[half], cell[twin[half]]
+        is_rim[half] = inside != beyond
+        if inside != OUTSIDE and beyond != OUTSIDE:
+            is_rim[half] = part[inside] != part[beyond]
+    return is_rim
 
 
 def absorb_slivers(
@@ -183,16 +191,40 @@ def absorb_slivers(
 ) -> tuple[Coverage, Integers]:
     """The coverage with cells too small (m²) or narrow (m) given to the neighbour of their part that they
     share most with."""
-    for _ in range(MOST_ROUNDS):
-        if coverage.count < 2:
+    half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin)
+    limits = (float(smallest_area), float(narrowest), MOST_ROUNDS)
+    *parts, absorbed = absorb_kernel(*half_edges, coverage.area, labels, part, *limits)
+    return (coverage, labels) if len(absorbed) == len(labels) else (Coverage(*parts), absorbed)
+
+
+@kernel
+def absorb_kernel(
+    nodes: Values,
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    twin: Integers,
+    area: Values,
+    labels: Integers,
+    part: Integers,
+    smallest: float,
+    narrowest: float,
+    rounds: int,
+) -> tuple[Values, Integers, Integers, Integers, Integers]:
+    """Nodes, starts, ends, cells and labels of the coverage that `absorb_slivers` makes in so many rounds."""
+    for _ in range(rounds):
+        if len(labels) < 2:
             break
-        half_edges = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin)
-        rims = rims_of(coverage, part[labels])
-        target = sliver_kernel(*half_edges, rims, coverage.area, float(smallest_area), float(narrowest))
-        if np.array_equal(target, np.arange(len(target))):
+        is_rim = part_rims_kernel(cell, twin, part[labels])
+        target = sliver_kernel(nodes, start, end, cell, twin, is_rim, area, smallest, narrowest)
+        if np.all(target == np.arange(len(target))):
             break
-        coverage, labels = coverage.merged(labels[target])
-    return coverage, labels
+        label = labels[target]
+        nodes, start, end, cell, first = merge_kernel(nodes, start, end, cell, twin, label)
+        labels = label[first]
+        twin, following = follow_kernel(nodes, start, end, cell)
+        area = rings_kernel(nodes, start, end, cell, following, len(labels))[4]
+    return nodes, start, end, cell, labels
 
 
 LOWEST_ROOF = 0.5
@@ -410,75 +442,106 @@ def close_cells(
     Neighbours whose tops have one number `over` (C,) have one roof face; it is called by that of the `names`.
     Cells that do not `stand` (C,) on the ground have undersides.
     """
-    group = joined_cells(plan, tops, floors)
+    group = bodies_kernel(plan.nodes, plan.start, plan.end, plan.cell, plan.twin, tops, floors)
     under = np.where(stands, 0, over + 1)
     solids, touching = [], [np.zeros((0, 2))]
     for number in range(int(group.max(initial=-1)) + 1):
         part, cells = plan, np.arange(plan.count)
         if group.any():
             part, cells = plan.merged(np.where(group == number, cells, OUTSIDE))
-        half_edges = (part.nodes, part.start, part.cell, part.twin, part.following)
+        half_edges = (part.nodes, part.start, part.end, part.cell, part.twin, part.following)
         faces = (over[cells], under[cells])
-        vertices, vertex, spans, in_use, nodes = columns_kernel(
-            *half_edges, tops[cells], floors[cells], *faces
-        )
-        solids.append(close_solid(part, vertices, vertex, spans, in_use, *faces, names))
+        shell = shell_kernel(*half_edges, tops[cells], floors[cells], *faces)
+        vertices, corners, sizes, counts, kind, label, nodes = shell
+        surfaces = np.array([SHELL_SURFACES[one] for one in kind.tolist()], np.str_)
+        planes = np.full(len(kind), NO_PLANE)
+        called = [names[number] for number in label[kind == SHELL_SURFACES.index(ROOF_SURFACE)].tolist()]
+        planes[kind == SHELL_SURFACES.index(ROOF_SURFACE)] = [
+            NO_PLANE if name is None else name for name in called
+        ]
+        solids.append(Solid(vertices, corners, sizes, counts, surfaces, planes))
         touching.append(part.nodes[nodes])
     return solids, np.concatenate(touching)
 
 
-def close_solid(
-    plan: Coverage,
-    vertices: Points,
-    vertex: Integers,
-    spans: Integers,
-    in_use: Mask,
+SHELL_SURFACES = (GROUND_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE, WALL_SURFACE)
+"""Surfaces of faces in the order in which they come in a solid."""
+
+
+@kernel
+def shell_kernel(
+    nodes: Values,
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    twin: Integers,
+    following: Integers,
+    tops: Values,
+    floors: Values,
     over: Integers,
     under: Integers,
-    names: Sequence[int | None],
-) -> Solid:
-    """The solid of a connected plan by its columns (`columns_kernel`): ground faces, roof faces in the order
-    of their numbers, undersides, walls."""
-    number = np.cumsum(in_use) - 1
-    vertex, spans = number[vertex], number[spans]
-    below = [
-        (name, tuple(ring[::-1] for ring in rings)) for name, rings in rings_of(plan, under, vertex[:, 0])
-    ]
-    faces = [Face(rings, GROUND_SURFACE) for name, rings in below if name == 0]
-    roofs = sorted(rings_of(plan, over, vertex[:, 1]), key=itemgetter(0))
-    faces += [Face(rings, ROOF_SURFACE, names[name]) for name, rings in roofs]
-    faces += [Face(rings, OUTER_CEILING_SURFACE) for name, rings in below if name != 0]
-    for foot, top, foot_end, top_end in spans.tolist():
-        up, down = range(foot_end, top_end + 1), range(top, foot - 1, -1)
-        faces.append(Face(((*up, *down),), WALL_SURFACE))
-    return Solid.of(vertices[in_use], faces)
+) -> tuple[Values, Integers, Integers, Integers, Integers, Integers, Integers]:
+    """Vertices (V, 3), corners (C,), ring sizes (R,) and ring counts (F,) of the solid of a connected plan by
+    its columns (`columns_kernel`); of each face (F,) which of `SHELL_SURFACES` it is, and its number `over`
+    or `under`; the nodes (K,) at which walls touch.
 
-
-def rings_of(
-    plan: Coverage, label: Integers, vertex: Integers
-) -> list[tuple[int, tuple[tuple[int, ...], ...]]]:
-    """The label of each connected region of like label (C,), and its rings, the outer first: the `vertex`
-    (H,) over the start of each half-edge.
+    Roof faces come in the order of their numbers, the outer ring of a face is its first.
     """
-    region, first = plan.regions(label)
-    cell_region = np.append(region, OUTSIDE)[plan.cell]
-    stays = np.flatnonzero(cell_region != cell_region[plan.twin])
-    part = Coverage(plan.nodes, plan.start[stays], plan.end[stays], cell_region[stays])
-    halves, begin = part.ring_order
-    corners = vertex[stays[halves]].tolist()
-    rings: list[list[tuple[int, ...]]] = [[] for _ in first]
-    loops = zip(part.ring_cell.tolist(), part.ring_area.tolist(), pairwise(begin.tolist()), strict=True)
-    for number, area, (start, end) in loops:
-        if number != OUTSIDE:
-            rings[number].insert(0 if area > 0.0 else len(rings[number]), tuple(corners[start:end]))
-    return list(zip(label[first].tolist(), map(tuple, rings), strict=True))
-
-
-def segment_ends(plan: Coverage, halves: Integers, planes: Values) -> Values:
-    """Heights (H, 2) of planes (H, 3) over start and end of half-edges (H,)."""
-    places = np.stack([plan.nodes[plan.start[halves]], plan.nodes[plan.end[halves]]], axis=1)
-    return np.asarray(
-        planes[:, None, 0] * places[..., 0] + planes[:, None, 1] * places[..., 1] + planes[:, None, 2]
+    half_edges = (nodes, start, cell, twin, following, tops, floors, over, under)
+    columns, vertex, spans, in_use, touching = columns_kernel(*half_edges)
+    number = np.cumsum(in_use) - 1
+    room, rise = 2 * len(start) + len(spans), 0
+    for wall in range(len(spans)):
+        rise += spans[wall, 1] - spans[wall, 0] + spans[wall, 3] - spans[wall, 2]
+    corners = np.empty(2 * room + rise, np.int64)
+    sizes, counts, kinds, labels = np.empty((4, room), np.int64)
+    corner, ring, face = 0, 0, 0
+    for kind in range(3):
+        up = kind == 1
+        label = over if up else under
+        region, first = regions_kernel(cell, twin, label)
+        beside = np.full(len(cell), OUTSIDE)
+        for half in range(len(cell)):
+            if cell[half] != OUTSIDE:
+                beside[half] = region[cell[half]]
+        rims = np.flatnonzero(beside != beside[twin])
+        rim_edges = (nodes, start[rims], end[rims], beside[rims])
+        _, after = follow_kernel(*rim_edges)
+        halves, opens, owner, area, _, _ = rings_kernel(*rim_edges, after, len(first))
+        rings, begin = members_kernel(owner + 1, len(first) + 1)
+        for of in np.argsort((1.0 if up else 0.0) * label[first], kind="mergesort"):
+            if not up and (label[first[of]] == 0) != (kind == 0):
+                continue
+            own = rings[begin[of + 1] : begin[of + 2]]
+            for place in range(2 * len(own)):
+                outer = place < len(own)
+                one = own[len(own) - 1 - place] if outer else own[place - len(own)]
+                if (area[one] > 0.0) != outer:
+                    continue
+                sizes[ring] = opens[one + 1] - opens[one]
+                for step in range(sizes[ring]):
+                    half = rims[halves[opens[one] + step if up else opens[one + 1] - 1 - step]]
+                    corners[corner] = number[vertex[half, 1 if up else 0]]
+                    corner += 1
+                ring += 1
+            counts[face], kinds[face], labels[face] = len(own), kind, label[first[of]]
+            face += 1
+    for wall in range(len(spans)):
+        foot, top, foot_end, top_end = spans[wall]
+        sizes[ring], counts[face], kinds[face], labels[face] = top_end - foot_end + top - foot + 2, 1, 3, 0
+        for place in range(sizes[ring]):
+            up_to = foot_end + place
+            corners[corner] = number[up_to if up_to <= top_end else top + top_end + 1 - up_to]
+            corner += 1
+        ring, face = ring + 1, face + 1
+    return (
+        columns[in_use],
+        corners[:corner],
+        sizes[:ring],
+        counts[:face],
+        kinds[:face],
+        labels[:face],
+        touching,
     )
 
 
@@ -487,14 +550,35 @@ def inner_halves(plan: Coverage) -> Integers:
     return np.flatnonzero((plan.cell > plan.cell[plan.twin]) & (plan.cell[plan.twin] >= 0))
 
 
-def joined_cells(plan: Coverage, tops: Values, floors: Values) -> Integers:
-    """The number (C,) of the body each cell belongs to: neighbours whose heights overlap along an edge."""
-    halves = inner_halves(plan)
-    inner, outer = plan.cell[halves], plan.cell[plan.twin[halves]]
-    top = np.minimum(segment_ends(plan, halves, tops[inner]), segment_ends(plan, halves, tops[outer]))
-    floor = np.maximum(segment_ends(plan, halves, floors[inner]), segment_ends(plan, halves, floors[outer]))
-    joined = (top - floor).max(axis=1) > 2.0 * SAME_HEIGHT
-    return np.asarray(connected_groups_kernel(inner[joined], outer[joined], plan.count))
+@kernel
+def bodies_kernel(
+    nodes: Values,
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    twin: Integers,
+    tops: Values,
+    floors: Values,
+) -> Integers:
+    """The number (C,) of the body each cell belongs to: neighbours whose heights between `floors` and `tops`
+    (C, 3) overlap along an edge."""
+    joined = np.zeros(len(start), np.bool_)
+    for half in range(len(start)):
+        inside, beyond = cell[half], cell[twin[half]]
+        if not inside > beyond >= 0:
+            continue
+        for place in (nodes[start[half]], nodes[end[half]]):
+            top = min(height_at(tops[inside], place), height_at(tops[beyond], place))
+            floor = max(height_at(floors[inside], place), height_at(floors[beyond], place))
+            joined[half] |= top - floor > 2.0 * SAME_HEIGHT
+    bodies: Integers = connected_groups_kernel(cell[joined], cell[twin[joined]], len(tops))
+    return bodies
+
+
+@inlined_kernel
+def height_at(plane: Values, place: Values) -> Any:
+    """The height (m) of a plane (3,) over a place (2,)."""
+    return plane[0] * place[0] + plane[1] * place[1] + plane[2]
 
 
 def step_back(coverage: Coverage, planes: Values, places: Values) -> tuple[Coverage, Integers] | None:

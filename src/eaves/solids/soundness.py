@@ -8,8 +8,9 @@ import numpy as np
 import shapely
 
 from eaves.geometry.face_table import FaceTable
+from eaves.geometry.inside import members_kernel
 from eaves.geometry.planes import eigen_kernel
-from eaves.geometry.rings import COORDINATE_STEP, PLANARITY, following_places
+from eaves.geometry.rings import COORDINATE_STEP, PLANARITY
 from eaves.kernels import kernel
 from eaves.model import ROOF_SURFACE, WALL_SURFACE, Integers, Mask, Points, Solid
 
@@ -38,12 +39,9 @@ def find_defect(solid: Solid) -> str:
     """
     if solid.ring_sizes.min() < 3:
         return "a ring of fewer than three vertices"
-    start, end = solid.corners, solid.corners[following_places(solid.ring_sizes)]
-    count = len(solid.vertices)
-    forward, back = np.sort(start * count + end), np.sort(end * count + start)
-    if np.any(np.diff(forward) == 0) or not np.array_equal(forward, back):
-        return "an edge that is not used once each way"
     table = FaceTable.of_solids([solid])
+    if not used_once_kernel(solid.corners, solid.corners[table.following], len(solid.vertices)):
+        return "an edge that is not used once each way"
     first = np.append(table.ring_start[table.outer], len(table.corners))
     may_bend = (solid.surfaces != WALL_SURFACE) & ~steady_faces_kernel(table.corners, first)
     flat = {number: on_own_plane(table.rings_of(number)) for number in np.flatnonzero(may_bend).tolist()}
@@ -54,6 +52,21 @@ def find_defect(solid: Solid) -> str:
         return "a roof that reaches the ground"
     roofs = {number: places for number, places in flat.items() if solid.surfaces[number] == ROOF_SURFACE}
     return plan_defect(table.take(solid.surfaces != WALL_SURFACE)) or fold_defect(table, roofs)
+
+
+@kernel
+def used_once_kernel(start: Integers, end: Integers, count: int) -> bool:
+    """True if each edge between `count` vertices, from `start` to `end` (E,), is used once each way."""
+    leaving, first = members_kernel(start, count)
+    for edge in range(len(start)):
+        alike, back = 0, 0
+        for other in leaving[first[start[edge]] : first[start[edge] + 1]]:
+            alike += end[other] == end[edge]
+        for other in leaving[first[end[edge]] : first[end[edge] + 1]]:
+            back += end[other] == start[edge]
+        if alike != 1 or back != 1:
+            return False
+    return True
 
 
 @kernel

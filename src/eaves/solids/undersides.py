@@ -23,7 +23,7 @@ from eaves.solids.coverage import (
     coverage_of,
 )
 from eaves.solids.cutting import cut
-from eaves.solids.extrude import LOWEST_ROOF, close_cells, joined_cells, split_crossings
+from eaves.solids.extrude import LOWEST_ROOF, bodies_kernel, close_cells, split_crossings
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +215,8 @@ def hanging_alone(
     floors = np.where(
         stands[:, None], np.array([0.0, 0.0, roof.base]), roof.planes[face] - np.array([0.0, 0.0, thickness])
     )
-    group = joined_cells(plan, roof.planes[face], floors)
+    half_edges = (plan.nodes, plan.start, plan.end, plan.cell, plan.twin)
+    group = bodies_kernel(*half_edges, roof.planes[face], floors)
     supported = np.zeros(int(group.max(initial=-1)) + 1, bool)
     supported[group[stands]] = True
     return np.asarray(~supported[group])

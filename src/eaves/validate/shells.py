@@ -54,13 +54,15 @@ class Edges:
 def collect_edges(boundaries: Boundaries) -> Edges:
     """The edges of all shells, from the sides of their faces' rings."""
     start, end = boundaries.points, boundaries.points[boundaries.faces.following]
-    shell = boundaries.shell_of_face[boundaries.face_of_point]
-    keys = np.stack([shell, np.minimum(start, end), np.maximum(start, end)], axis=1)
-    unique, of_side = np.unique(keys, axis=0, return_inverse=True)
-    of_side, runs_forward = of_side.reshape(-1), (start < end).astype(np.int64)
+    count = len(boundaries.vertices)  # a vertex is of one shell, so its edges need no other number
+    keys = np.minimum(start, end) * count + np.maximum(start, end)
+    unique, first, of_side = np.unique(keys, return_index=True, return_inverse=True)
+    shell = boundaries.shell_of_face[boundaries.face_of_point[first]]
+    runs_forward = (start < end).astype(np.int64)
     forward = np.bincount(of_side, runs_forward, len(unique)).astype(np.int64)
     backward = np.bincount(of_side, 1 - runs_forward, len(unique)).astype(np.int64)
-    return Edges(unique[:, 0], unique[:, 1:], forward, backward, of_side, runs_forward)
+    ends = np.column_stack([unique // count, unique % count])
+    return Edges(shell, ends, forward, backward, of_side, runs_forward)
 
 
 def check_shells(
@@ -136,8 +138,8 @@ def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -
     first, second = boundaries.face_of_point[order[same]], boundaries.face_of_point[order[same + 1]]
     count = len(boundaries.faces)
     piece = connected_groups_kernel(first, second, count)
-    pieces = np.unique(np.stack([boundaries.shell_of_face, piece], axis=1), axis=0)
-    number = np.bincount(pieces[:, 0], minlength=boundaries.shell_count)
+    _, face_of_piece = np.unique(piece, return_index=True)
+    number = np.bincount(boundaries.shell_of_face[face_of_piece], minlength=boundaries.shell_count)
     touching = _pieces_that_touch(boundaries, piece)
     apart = chosen & (number > 1) & ~touching
     for shell in np.flatnonzero(apart):
@@ -156,11 +158,11 @@ def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -
 
 def _pieces_that_touch(boundaries: Boundaries, piece: Integers) -> np.ndarray:
     """Shells (S,) of several pieces that have a vertex in common."""
-    rows = np.stack([boundaries.shell_of_face[boundaries.face_of_point], boundaries.points], axis=1)
-    with_piece = np.unique(np.column_stack([rows, piece[boundaries.face_of_point]]), axis=0)
-    again = (with_piece[1:, :2] == with_piece[:-1, :2]).all(axis=1)
+    in_order = np.argsort(boundaries.points, kind="stable")
+    vertex, of_face = boundaries.points[in_order], boundaries.face_of_point[in_order]
+    parted = (vertex[1:] == vertex[:-1]) & (piece[of_face[1:]] != piece[of_face[:-1]])
     touching = np.zeros(boundaries.shell_count, bool)
-    touching[with_piece[1:][again, 0]] = True
+    touching[boundaries.shell_of_face[of_face[1:][parted]]] = True
     return touching
 
 
@@ -169,20 +171,19 @@ def _split_umbrellas(boundaries: Boundaries, triangles: Triangles) -> Iterator[S
     count = len(triangles.face)
     if count == 0:
         return
-    shell = np.repeat(boundaries.shell_of_face[triangles.face], 3)
     here = triangles.numbers.reshape(-1)
-    after, before = (np.roll(triangles.numbers, shift, axis=1).reshape(-1) for shift in (-1, 1))
-    leaving = np.stack([shell, here, after], axis=1)
-    arriving = np.stack([shell, here, before], axis=1)
-    keys = np.vstack([leaving, arriving])
-    order = np.lexsort(keys.T[::-1])
-    same = np.flatnonzero((keys[order][1:] == keys[order][:-1]).all(axis=1))
+    after, before = (triangles.numbers[:, turn].reshape(-1) for turn in ((1, 2, 0), (2, 0, 1)))
+    keys = np.concatenate([here, here]) * len(boundaries.vertices) + np.concatenate([after, before])
+    order = np.argsort(keys, kind="stable")
+    same = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
     first, second = order[same] % (3 * count), order[same + 1] % (3 * count)
     umbrella = connected_groups_kernel(first, second, 3 * count)
-    rows = np.unique(np.stack([shell, here, umbrella], axis=1), axis=0)
-    again = np.flatnonzero((rows[1:, :2] == rows[:-1, :2]).all(axis=1))
-    for owner, vertex in np.unique(rows[again, :2], axis=0):
-        place = _place(boundaries, vertex)
+    in_order = np.argsort(here, kind="stable")
+    vertex, of = here[in_order], umbrella[in_order]
+    parted = np.flatnonzero((vertex[1:] == vertex[:-1]) & (of[1:] != of[:-1]))
+    split, place_of = np.unique(vertex[parted], return_index=True)
+    for number, corner in zip(split, in_order[parted[place_of]], strict=True):
+        owner, place = boundaries.shell_of_face[triangles.face[corner // 3]], _place(boundaries, number)
         yield ShellDefect(303, int(owner), -1, f"the shell touches itself in the vertex at {place}")
 
 

@@ -11,7 +11,7 @@ from shapely import Polygon
 
 from eaves.geometry.inside import edges_of
 from eaves.geometry.rings import polygon_parts
-from eaves.model import Integers, Points, Values
+from eaves.model import Bounds, Integers, Points, Values
 from eaves.reconstruct.toolkit.ceiling import highest_of
 from eaves.reconstruct.toolkit.cell_labels import Borders, LabelCosts, PlaneReach, cell_costs, label_nodes
 from eaves.solids.coverage import OUTSIDE, SMALLEST_PART, Coverage
@@ -61,11 +61,11 @@ class BlockPlan:
 
 def points_near(points: Points, outline: Polygon, reach: float) -> Integers:
     """The numbers of the points (N, 3) within `reach` (m) of an outline."""
-    west, south, east, north = outline.buffer(reach).bounds
-    x, y, _ = points.T
-    near = np.flatnonzero((x > west) & (x < east) & (y > south) & (y < north))
     shapely.prepare(outline)
-    return np.asarray(near[shapely.dwithin(outline, shapely.points(points[near, :2]), reach)])
+    near = shapely.contains_xy(outline, points[:, 0], points[:, 1])
+    beside = np.flatnonzero(~near & Bounds(*outline.bounds).buffered(reach).contains(points))
+    near[beside] = shapely.dwithin(outline, shapely.points(points[beside, :2]), reach)
+    return np.flatnonzero(near)
 
 
 def outline_around(parts: Sequence[Polygon]) -> Polygon:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from eaves.figures.attributes import NEAR_M, surface_heights
 from eaves.geometry.face_table import FaceTable
 from eaves.geometry.neighbours import measure_spacing
-from eaves.kernels import inlined_kernel, kernel
+from eaves.kernels import kernel
 from eaves.model import ROOF_SURFACE, Labels, Points, Solid, Values
+from eaves.solids.extrude import height_at
 
 LEAST_RISE, SIGMAS = 0.15, 3.0
 """No corner lies higher over the highest point than by so much (m), or by so many sigmas of its plane."""
@@ -31,13 +30,30 @@ def reach_of(spacing: float) -> float:
 def highest_of(roof: Points, labels: Labels, planes: Values, most: float) -> Values:
     """The height (P,) over which no corner of a plane may lie: that of the highest point (N, 3) of any plane,
     and what its own scatter hides, at most `most` (m)."""
-    known = labels >= 0
-    a, b, c = planes[labels[known]].T
-    x, y, z = roof[known].T
-    squares = np.bincount(labels[known], (z - a * x - b * y - c) ** 2, len(planes))
-    sigma = np.sqrt(squares / np.maximum(np.bincount(labels[known], minlength=len(planes)), 1))
-    top = (z if known.any() else roof[:, 2]).max()
-    return np.asarray(top + np.clip(SIGMAS * sigma, LEAST_RISE, most))
+    return np.asarray(spread_kernel(roof, labels, planes, float(most))[0])
+
+
+@kernel
+def spread_kernel(roof: Points, labels: Labels, planes: Values, most: float) -> tuple[Values, float]:
+    """`highest_of` the planes (P, 3), and the median distance (m) of roof points (N, 3) from the planes that
+    their `labels` (N,) name; infinite where none do."""
+    squares, sizes = np.zeros(len(planes)), np.zeros(len(planes))
+    away, count = np.empty(len(roof)), 0
+    top, any_top = -np.inf, -np.inf
+    for point in range(len(roof)):
+        x, y, z = roof[point]
+        any_top = max(any_top, z)
+        if labels[point] < 0:
+            continue
+        a, b, c = planes[labels[point]]
+        residual = z - a * x - b * y - c
+        squares[labels[point]] += residual * residual
+        sizes[labels[point]] += 1.0
+        away[count] = abs(residual) / np.sqrt(1.0 + a * a + b * b)
+        count, top = count + 1, max(top, z)
+    sigma = np.sqrt(squares / np.maximum(sizes, 1.0))
+    highest = (top if count else any_top) + np.minimum(np.maximum(SIGMAS * sigma, LEAST_RISE), most)
+    return highest, np.median(away[:count]) if count else np.inf
 
 
 def rise_over(
@@ -76,12 +92,6 @@ def rise_kernel(
                 over = height_at(planes[plane], place) - second - MEETING
                 rise[node, plane] = min(rise[node, plane], max(over, 0.0))
     return rise
-
-
-@inlined_kernel
-def height_at(plane: Values, place: Values) -> Any:
-    """The height (m) of a plane (3,) over a place (2,)."""
-    return plane[0] * place[0] + plane[1] * place[1] + plane[2]
 
 
 def height_over_points(solids: tuple[Solid, ...], points: Points) -> float:

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Integers, Labels, Mask, Points, Values
-from eaves.reconstruct.toolkit.ceiling import highest_of, rise_over
+from eaves.reconstruct.toolkit.ceiling import rise_over, spread_kernel
 from eaves.solids.coverage import MOST_ROUNDS, OUTSIDE, Coverage
 from eaves.solids.extrude import LOWEST_ROOF
 from eaves.solids.soundness import LOWEST_WALL
@@ -322,12 +322,8 @@ def plane_reach(
     `residual_share` times the scatter of those points, from their median distance, as of a normal
     distribution.
     """
-    known = labels >= 0
-    a, b, c = planes[labels[known]].T
-    away = np.abs(roof[known, 2] - a * roof[known, 0] - b * roof[known, 1] - c) / np.sqrt(1.0 + a**2 + b**2)
-    scatter = float(np.median(away)) / NORMAL_MEDIAN if known.any() else np.inf
-    limit = min(max(costs.residual_share * scatter, LOWEST_WALL), costs.residual_limit)
-    highest = highest_of(roof, labels, planes, costs.residual_limit)
+    highest, away = spread_kernel(roof, labels, planes, float(costs.residual_limit))
+    limit = min(max(costs.residual_share * (away / NORMAL_MEDIAN), LOWEST_WALL), costs.residual_limit)
     return PlaneReach(roof, labels, planes, spacing, ground + LOWEST_ROOF, highest, limit)
 
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.inside import members
-from eaves.geometry.planes import column_percentiles
 from eaves.geometry.rings import COORDINATE_STEP, FLAT_SLOPE_DEG
 from eaves.geometry.tin import Tin
-from eaves.kernels import kernel
+from eaves.kernels import inlined_kernel, kernel
 from eaves.methods import parameter
 from eaves.model import Integers, Labels, Mask, Points, Values
 from eaves.reconstruct.stage import Reconstructor
@@ -98,14 +96,26 @@ class Line(NamedTuple):
 def border_places(points: Points, labels: Labels, polygon: Polygon) -> tuple[Integers, Values]:
     """Pairs of planes (M, 2) whose points are neighbours in a triangulation; the places between (M, 2)."""
     labelled, mark = points[labels >= 0], labels[labels >= 0].astype(np.int64)
-    corners = Tin(labelled[:, :2]).triangles
-    first, second = corners.ravel().astype(np.int64), np.roll(corners, -1, axis=1).ravel().astype(np.int64)
-    apart = mark[first] != mark[second]
-    key = np.unique(np.minimum(first, second)[apart] * len(labelled) + np.maximum(first, second)[apart])
-    first, second = key // max(len(labelled), 1), key % max(len(labelled), 1)
+    first, second = seams_kernel(Tin(labelled[:, :2]).triangles, mark)
     places = 0.5 * (labelled[first, :2] + labelled[second, :2])
     inside = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
-    return np.sort(np.column_stack([mark[first], mark[second]])[inside], axis=1), places[inside]
+    first, second = mark[first[inside]], mark[second[inside]]
+    return np.column_stack([np.minimum(first, second), np.maximum(first, second)]), places[inside]
+
+
+@kernel
+def seams_kernel(triangles: Labels, mark: Integers) -> tuple[Integers, Integers]:
+    """The ends (M,), (M,) of the sides of triangles (T, 3) between points of different marks (N,), each
+    once."""
+    keys, count = np.empty(3 * len(triangles), np.int64), 0
+    for triangle in range(len(triangles)):
+        for corner in range(3):
+            a, b = np.int64(triangles[triangle, corner]), np.int64(triangles[triangle, (corner + 1) % 3])
+            if mark[a] != mark[b]:
+                keys[count] = min(a, b) * len(mark) + max(a, b)
+                count += 1
+    key, size = np.unique(keys[:count]), max(len(mark), 1)
+    return key // size, key % size
 
 
 @lru_cache(maxsize=4)
@@ -164,25 +174,15 @@ def candidate_lines(
     `labels` (N,) are the planes of the points (N, 3), -1 for none; `planes` (P, 3) their coefficients.
     """
     pairs, places = border_places(points, labels, polygon)
-    meeting: list[Line] = []
-    jumps = np.ones(len(places), bool)
-    couples, number = np.unique(pairs[:, 0] * len(planes) + pairs[:, 1], return_inverse=True)
-    for pair, at_pair in zip(couples.tolist(), members(number, len(couples)), strict=True):
-        a, b = divmod(pair, len(planes))
-        line, close = meeting_line(places[at_pair], planes[a] - planes[b], spacing)
-        if line is not None:
-            meeting.append(line)
-            jumps[at_pair[close]] = False
+    meeting, jumps = meeting_lines_kernel(pairs, places, planes, spacing)
     planes_met, main = np.unique(pairs), main_directions(polygon)
     across = line_directions(main, planes[planes_met])
     stepping = [line for cluster in divide(places[jumps]) for line in step_lines(cluster, across, spacing)]
-    of_plane = members(labels, len(planes))
-    around = [
-        line for label in planes_met for line in rectangle(points[of_plane[label], :2], main, spacing, limits)
-    ]
+    fewest, trim = limits.clutter_points, limits.rectangle_trim
+    around = rectangles_kernel(points, labels, planes_met, main, 0.5 * spacing, fewest, trim)
     lines = [
         line
-        for kind in (meeting, stepping, around)
+        for kind in (as_lines(meeting), stepping, as_lines(around))
         for line in sorted(kind, key=lambda line: (-line.support, line.low - line.high, line.offset))
     ]
     return distinct_lines(lines, 0.5 * spacing)[:MOST_TOGETHER]
@@ -217,19 +217,38 @@ def distinct_kernel(rows: Values, reach: float) -> Mask:
     return distinct
 
 
-def meeting_line(places: Values, apart: Values, spacing: float) -> tuple[Line | None, Mask]:
-    """The line in which two planes meet, a, b, c `apart` (3,), where their border (M, 2) runs along it; which
-    places do (M,).
-    """
-    a, b, c = apart
-    steep = float(np.hypot(a, b))
-    away = (places @ apart[:2] + c) / max(steep, FLAT)
-    along = places @ np.array([-b, a]) / max(steep, FLAT)
-    close = np.abs(away) < spacing
-    if steep < FLAT or close.sum() < FEWEST_PLACES or np.ptp(along[close]) < 2.0 * spacing:
-        return None, close
-    low, high = float(along[close].min()), float(along[close].max())
-    return Line(a / steep, b / steep, -c / steep, low, high, float(close.sum())), close
+def as_lines(rows: Values) -> list[Line]:
+    """The lines of rows (L, 6) of their numbers."""
+    return [Line(*row) for row in rows.tolist()]
+
+
+@kernel
+def meeting_lines_kernel(
+    pairs: Integers, places: Values, planes: Values, spacing: float
+) -> tuple[Values, Mask]:
+    """The lines (L, 6) in which two planes (P, 3) meet, where the border (M, 2) of the `pairs` (M, 2) runs
+    along it; which places run along none (M,)."""
+    lines, count, jumps = np.empty((len(places), 6)), 0, np.ones(len(places), np.bool_)
+    code = pairs[:, 0] * len(planes) + pairs[:, 1]
+    order, begin = np.argsort(1.0 * code, kind="mergesort"), 0
+    along = np.empty(len(places))
+    for stop in range(1, len(order) + 1):
+        if stop < len(order) and code[order[stop]] == code[order[begin]]:
+            continue
+        a, b, c = planes[pairs[order[begin], 0]] - planes[pairs[order[begin], 1]]
+        steep, support, low, high = np.hypot(a, b), 0, np.inf, -np.inf
+        for place in order[begin:stop]:
+            x, y = places[place]
+            if abs(a * x + b * y + c) / max(steep, FLAT) < spacing:
+                along[place] = (y * a - x * b) / max(steep, FLAT)
+                support, low, high = support + 1, min(low, along[place]), max(high, along[place])
+        if steep >= FLAT and support >= FEWEST_PLACES and high - low >= 2.0 * spacing:
+            lines[count] = (a / steep, b / steep, -c / steep, low, high, float(support))
+            count += 1
+            for place in order[begin:stop]:
+                jumps[place] = not abs(a * places[place, 0] + b * places[place, 1] + c) / steep < spacing
+        begin = stop
+    return lines[:count], jumps
 
 
 def divide(places: Values) -> Iterator[Values]:
@@ -310,26 +329,50 @@ def fullest_strip_kernel(column: Values, order: Integers, free: Mask, width: flo
     return most, start, stop
 
 
-def rectangle(places: Values, main: Values, spacing: float, limits: LineReconstructor) -> list[Line]:
-    """The sides of the least rectangle along a main direction around a plane's points (K, 2).
+@kernel
+def rectangles_kernel(
+    points: Points, labels: Labels, which: Integers, main: Values, margin: float, fewest: int, trim: float
+) -> Values:
+    """The sides (L, 6), rows of the numbers of `Line`, of the least rectangle along one of the `main` angles
+    (K,) around the points (N, 3) of each label of `which` (P,) that has the `fewest`, without `trim` per
+    cent of them on each side, and wider by the margin (m).
 
     The sides of a dormer are too short to gather border places; its rectangle is not.
     """
-    if len(places) < limits.clutter_points or len(main) == 0:
-        return []
-    trim = limits.rectangle_trim
-    boxes = [
-        column_percentiles(places @ turn_by(angle), (trim, 100.0 - trim))
-        + [[-0.5 * spacing], [0.5 * spacing]]
-        for angle in main.tolist()
-    ]
-    best = int(np.argmin([np.prod(high - low) for low, high in boxes]))
-    (west, south), (east, north) = boxes[best].tolist()
-    x, y, support = float(np.cos(main[best])), float(np.sin(main[best])), float(len(places))
-    return [
-        *(Line(x, y, side, south, north, support) for side in (west, east)),
-        *(Line(-y, x, side, -east, -west, support) for side in (south, north)),
-    ]
+    lines, count = np.empty((4 * len(which), 6)), 0
+    low, high = trim / 100.0, (100.0 - trim) / 100.0
+    for label in which if len(main) else which[:0]:
+        own = points[np.flatnonzero(labels == label)]
+        if len(own) < fewest:
+            continue
+        least, sides = np.inf, (0.0, 0.0, 0.0, 0.0)
+        x, y = 0.0, 0.0
+        for angle in main:
+            cosine, sine = np.cos(angle), np.sin(angle)
+            u = np.sort(own[:, 0] * cosine + own[:, 1] * sine)
+            v = np.sort(own[:, 1] * cosine - own[:, 0] * sine)
+            west, east = share_kernel(u, low) - margin, share_kernel(u, high) + margin
+            south, north = share_kernel(v, low) - margin, share_kernel(v, high) + margin
+            area = (east - west) * (north - south)
+            if area < least:
+                least, sides, x, y = area, (west, east, south, north), cosine, sine
+        west, east, south, north = sides
+        lines[count] = (x, y, west, south, north, float(len(own)))
+        lines[count + 1] = (x, y, east, south, north, float(len(own)))
+        lines[count + 2] = (-y, x, south, -east, -west, float(len(own)))
+        lines[count + 3] = (-y, x, north, -east, -west, float(len(own)))
+        count += 4
+    return lines[:count]
+
+
+@inlined_kernel
+def share_kernel(ordered: Values, share: float) -> Any:
+    """The quantile of ordered values (N,), to the bit as `numpy.percentile` has it."""
+    place = (len(ordered) - 1) * share
+    low = int(place)
+    before, after = ordered[low], ordered[min(low + 1, len(ordered) - 1)]
+    step, part = after - before, place - low
+    return before + step * part if part < 0.5 else after - step * (1.0 - part)
 
 
 def extend(lines: list[Line], polygon: Polygon, extension: float) -> Values:
