@@ -16,7 +16,7 @@ from tests.conftest import build_files
 import eaves
 from eaves.flow import run
 from eaves.flow.formats import classified_name
-from eaves.flow.run import open_run
+from eaves.flow.run import claim, open_run
 from eaves.formats import InputError
 from eaves.run.manifest import LOCK, MANIFEST, check_folder, end_manifest, lock_folder, read_manifest
 
@@ -59,6 +59,12 @@ def test_what_a_killed_process_left_is_no_lock(tmp_path: Path) -> None:
     with lock_folder(tmp_path):
         pass
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_many_claim_at_once_can_be_written(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as threads:
+        assert list(threads.map(claim, [tmp_path / "new"] * 400)) == [None] * 400
+    assert not list((tmp_path / "new").iterdir())
 
 
 def test_of_many_processes_one_takes_a_lock_that_was_left(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, Self, Unpack
 
 import shapely
@@ -495,9 +496,7 @@ def claim(folder: Path) -> None:
     """Make the output folder and see that it can be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".eaves-probe"
-        probe.touch()
-        probe.unlink()
+        TemporaryFile(dir=folder).close()  # its name is that of no other run
     except OSError as error:
         raise InputError(
             f"{folder}: the output folder cannot be written ({error.strerror}); choose another with -o"
