@@ -18,7 +18,16 @@ from eaves.flow import run
 from eaves.flow.formats import classified_name
 from eaves.flow.run import claim, open_run
 from eaves.formats import InputError
-from eaves.run.manifest import LOCK, MANIFEST, check_folder, end_manifest, lock_folder, read_manifest
+from eaves.run import manifest
+from eaves.run.manifest import (
+    LOCK,
+    MANIFEST,
+    add_to_manifest,
+    check_folder,
+    end_manifest,
+    lock_folder,
+    read_manifest,
+)
 
 
 def test_a_folder_that_a_run_holds_is_refused__and_freed_by_its_end(tmp_path: Path) -> None:
@@ -65,6 +74,21 @@ def test_a_folder_that_many_claim_at_once_can_be_written(tmp_path: Path) -> None
     with ThreadPoolExecutor(8) as threads:
         assert list(threads.map(claim, [tmp_path / "new"] * 400)) == [None] * 400
     assert not list((tmp_path / "new").iterdir())
+
+
+def test_files_that_are_added_at_once_are_all_written_down(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    end_manifest(tmp_path, [])
+    files = [tmp_path / f"{number}.obj" for number in range(24)]
+    for file in files:
+        file.write_text("# eaves")
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda file: add_to_manifest(tmp_path, [file]), files))
+    assert read_manifest(tmp_path)["written"].keys() == {file.name for file in files}
+    monkeypatch.setattr(manifest, "ADDING_S", 0.0)
+    with lock_folder(tmp_path), pytest.raises(InputError, match="another run is writing here"):
+        add_to_manifest(tmp_path, files)
 
 
 def test_of_many_processes_one_takes_a_lock_that_was_left(tmp_path: Path) -> None:

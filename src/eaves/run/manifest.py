@@ -31,7 +31,7 @@ LOCK = ".eaves-lock"
 
 
 @contextmanager
-def lock_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
+def lock_folder(folder: Path, name: str = LOCK, wait: float = 0.0) -> Iterator[None]:
     """Hold an output folder, which exists, for this process until the block ends.
 
     The system holds the lock and frees it with the process, however that ends: a file that a killed run left
@@ -43,6 +43,8 @@ def lock_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
         The output folder.
     name
         The lock file's name.
+    wait
+        Seconds in which whoever holds it may end.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def lock_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
     ...     Path(".eaves-lock").exists()
     True
     """
-    lock, note = FileLock(folder / name, timeout=0), folder / f"{name}-by"
+    lock, note = FileLock(folder / name, timeout=wait), folder / f"{name}-by"
     try:
         lock.acquire()
     except Timeout:
@@ -83,6 +85,9 @@ def lock_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
         lock.release()
 
 
+ADDING_S = 10.0
+"""Seconds for which files of a finished run wait while others are added to its manifest: far more than that
+takes."""
 MANIFEST = "run.json"
 """Its members `complete` and `written` are the manifest; all others are the facts of the run."""
 Entry = dict[str, Any]
@@ -122,11 +127,12 @@ def end_manifest(folder: Path, files: Sequence[Path], complete: bool = True, **f
 
 
 def add_to_manifest(folder: Path, files: Sequence[Path]) -> None:
-    """Write down files made after the run, where it has a manifest."""
+    """Write down files made after the run, where it has a manifest that no other run is writing."""
     if (folder / MANIFEST).exists():
-        content = read_manifest(folder)
         entries = {name: whole_entry(folder / name) for name in names_of(folder, files)}
-        write_manifest(folder, read_facts(folder), content["written"] | entries, content["complete"])
+        with lock_folder(folder, wait=ADDING_S):
+            content = read_manifest(folder)
+            write_manifest(folder, read_facts(folder), content["written"] | entries, content["complete"])
 
 
 def names_of(folder: Path, files: Sequence[Path]) -> list[str]:
