@@ -40,10 +40,7 @@ def state(path: Path, place: int, value: float) -> None:
 
 
 def test_points_outside_the_box_are_used_where_they_are(
-    nine_roofs: ExactScene,
-    nine_roofs_file: Path,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
+    nine_roofs: ExactScene, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "in").mkdir()
     halves(nine_roofs, tmp_path / "in")
@@ -52,6 +49,18 @@ def test_points_outside_the_box_are_used_where_they_are(
     told = [record.message for record in caplog.records if "bounding box" in record.message]
     assert len(told) == 1
     assert "b.laz" in told[0]
+
+
+@pytest.mark.slow
+def test_tiles_give_the_models_of_one_piece_where_a_box_is_wrong(
+    nine_roofs: ExactScene, tmp_path: Path
+) -> None:
+    (tmp_path / "in").mkdir()
+    halves(nine_roofs, tmp_path / "in")
+    assert build(tmp_path / "in", tmp_path / "tiled", per_tile=True).complete
+    assert build(tmp_path / "in", tmp_path / "whole").found == 9
+    models = [tmp_path / name / "buildings.city.jsonl" for name in ("whole", "tiled")]
+    assert models[0].read_bytes() == models[1].read_bytes()
 
 
 def test_a_box_without_the_first_point_is_measured(

@@ -31,7 +31,7 @@ from eaves.model import (
 from eaves.model.block import extremes, within
 from eaves.run.memory import Clock
 from eaves.run.points import PointWindow
-from eaves.run.store import SECONDS, STARTS
+from eaves.run.store import SECONDS, STARTS, Records
 from eaves.surroundings.decks import RULES, Decks, decks_of, look_around
 
 if TYPE_CHECKING:
@@ -43,7 +43,6 @@ nothing."""
 DECK_REACH = 4.0 * RULES.widest + COARSEST_M
 """Distance (m) from a square within which large objects decide its decks."""
 
-Records = NDArray[Any]
 BlockPoints = tuple[Block, NDArray[np.int32]]
 
 

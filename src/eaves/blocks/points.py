@@ -17,9 +17,7 @@ from eaves.model import GRID_STEP, Block, Points
 from eaves.model.cloud import PER_METRE, canonical_order
 from eaves.raster.blur import cell_of, gridded, without_blur
 from eaves.run.points import IDENTITY, first_kernel, tied_kernel
-from eaves.run.store import join_records
-
-Records = NDArray[Any]
+from eaves.run.store import Records, join_records
 
 SHARPENED_MARGIN = 30.0
 """Width (m) of the surroundings of a block that are sharpened with it: ten times a blur of 3 m."""

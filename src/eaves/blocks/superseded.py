@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import GRID_STEP, NOISE_CLASSES, Block, Mask
 from eaves.raster.blur import closed_by_square
-from eaves.run.store import join_records
-
-Records = NDArray[Any]
+from eaves.run.store import Records, join_records
 
 COVER_CELL = 1.0
 """Cells (m), fixed to the world, in which the new points' area is decided: as fine as a border of tiles

@@ -104,6 +104,10 @@ def as_arrays(result: Any) -> Mapping[str, NDArray[Any]]:
     return {"value": packed(result)}
 
 
+Records = NDArray[Any]
+"""Points as they lie in files: an array of a structured type."""
+
+
 def load_part(path: Path) -> Any:
     """The result that `as_arrays` was given, from its file."""
     file = PartFile(path)
