@@ -15,10 +15,11 @@ PROGRAM = "eaves.exe" if os.name == "nt" else "eaves"
 PLACES = ("~/.local/bin", "~/.local/pipx/venvs/eaves/bin", "~/pipx/venvs/eaves/Scripts", "/opt/homebrew/bin")
 """Where pipx and others put programs; desktop programs often start without them on the PATH."""
 SHARES = {
-    "index": 2, "read": 8, "blocks": 43, "buildings": 40, "write": 7, "tiles": 95, "merge": 5,
+    "index": 2, "points": 8, "ground": 20, "regions": 23, "buildings": 40, "write": 7,
+    "tiles": 95, "merge": 5,
 }  # fmt: skip
 """Usual percentages of the steps in a run."""
-AFTER = {"read": 2, "blocks": 10, "buildings": 53, "write": 93, "merge": 95}
+AFTER = {"points": 2, "ground": 10, "regions": 30, "buildings": 53, "write": 93, "merge": 95}
 """Percentage that is done before a step."""
 POLL_S = 0.2
 PATIENCE_S = 20.0
@@ -58,7 +59,7 @@ def own_environment():
 
 
 def percentage(line):
-    """How much of the run is done after a line of progress, as `blocks: 3 of 8, …`; None for other lines."""
+    """How much of the run is done after a line of progress, as `regions: 3 of 8, …`; None for other lines."""
     step, _, rest = line.partition(":")
     words = rest.replace(",", "").split()
     if step not in SHARES or len(words) < 3 or words[1] != "of" or not (words[0] + words[2]).isdigit():

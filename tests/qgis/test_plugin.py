@@ -19,6 +19,8 @@ from typing import Any
 import pytest
 from tests.judges import need_judge
 
+from eaves.flow.step import STEPS
+
 ROOT = Path(__file__).parents[2]
 QGIS = "qgis_process.bin"
 
@@ -87,11 +89,15 @@ def test_metadata_has_all_that_the_plugin_site_asks_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("line", "expected"),
-    [("read: 5 of 10, about 2 min left", 6.0), ("blocks: 1,000 of 2,000", 31.5), ("write: 5 of 5", 100.0),
+    [("points: 5 of 10, about 2 min left", 6.0), ("regions: 1,000 of 2,000", 41.5), ("write: 5 of 5", 100.0),
      ("LoD 2.2: 2 of 3", None), ("WARNING: blocks", None)],
 )  # fmt: skip
 def test_progress_is_read_from_lines(line: str, expected: float | None) -> None:
     assert commands.percentage(line) == expected
+
+
+def test_every_step_that_a_run_shows_moves_the_progress() -> None:
+    assert {step.name for step in STEPS if step.shown} <= commands.SHARES.keys()
 
 
 def test_missing_command_says_how_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -114,7 +120,7 @@ def test_cancel_stops_the_command_as_ctrl_c_does(tmp_path: Path) -> None:
     script = (
         "import signal, sys, time\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "try:\n    print('blocks: 1 of 2', flush=True)\n    time.sleep(60)\n"
+        "try:\n    print('regions: 1 of 2', flush=True)\n    time.sleep(60)\n"
         "except KeyboardInterrupt:\n    print('clean', flush=True); sys.exit(130)\n"
     )
     feedback = Feedback()
@@ -127,7 +133,7 @@ def test_cancel_stops_the_command_as_ctrl_c_does(tmp_path: Path) -> None:
     threading.Thread(target=cancel_once_it_runs, daemon=True).start()
     start = time.monotonic()
     assert commands.run_command(program(tmp_path, script), feedback) is False
-    assert time.monotonic() - start < 50 and "clean" in feedback.lines and feedback.done == 31.5
+    assert time.monotonic() - start < 50 and "clean" in feedback.lines and feedback.done == 41.5
 
 
 @pytest.fixture(scope="module")

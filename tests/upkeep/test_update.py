@@ -356,7 +356,7 @@ def test_an_update_that_was_killed_can_be_made_again(epochs: Path, updated: Upda
     out = tmp_path / "out2"
     lines = [
         "import os, signal; from pathlib import Path; from eaves.upkeep.update import update",
-        "def stop(step, done, total): step == 'blocks' and os.kill(os.getpid(), signal.SIGKILL)",
+        "def stop(step, done, total): step == 'regions' and os.kill(os.getpid(), signal.SIGKILL)",
         f"update(Path({str(epochs / 'out')!r}), {str(epochs / 'tiles')!r}, Path({str(out)!r}), "
         "date='2026-05-01', progress=stop)",
     ]
